@@ -140,19 +140,18 @@ def _solve(made) -> Callable:
     from problem import FREE, TIED
 
     from diffshade.inverse.data.view_sets import ViewSet
-    from diffshade.inverse.problem import PART, fit_problem, with_samples_for
+    from diffshade.inverse.fitting import new_problem
+    from diffshade.inverse.problem import PART
     from diffshade.inverse.solving import find_start, lay_out_part
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     unknowns = find_unknowns(made.scene, made.views, FREE, TIED)
-    data = with_samples_for(made.scene, ViewSet.of(made.scene, made.views), unknowns, "hinge")
-
-    fit = fit_problem(made.scene, data, unknowns, "squares")
+    fit = new_problem(made.scene, ViewSet.of(made.scene, made.views), unknowns, "squares", "hinge")
     part, everything = lay_out_part(fit), fit.chunks()
 
     def solve() -> np.ndarray:
         start, damping = find_start(part)
-        squares = start.squares * max(data.counts.pixels / PART, 1.0)
+        squares = start.squares * max(fit.data.counts.pixels / PART, 1.0)
         return dataclasses.replace(start, squares=squares, chunks=everything).minimise(damping=damping).theta
 
     return solve

@@ -85,13 +85,12 @@ def problem_of(size: int) -> Any:
     import problem
 
     from diffshade.inverse.data.view_sets import ViewSet
-    from diffshade.inverse.problem import fit_problem, with_samples_for
+    from diffshade.inverse.fitting import new_problem
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     made = problem.make(size, 1)
     unknowns = find_unknowns(made.scene, made.views, problem.FREE, problem.TIED)
-    data = with_samples_for(made.scene, ViewSet.of(made.scene, made.views), unknowns, "hinge")
-    return fit_problem(made.scene, data, unknowns, "squares")
+    return new_problem(made.scene, ViewSet.of(made.scene, made.views), unknowns, "squares", "hinge")
 
 
 if __name__ == "__main__":

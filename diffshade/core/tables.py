@@ -36,7 +36,10 @@ cells = np.vectorize(rounded, otypes=[object])
 
 
 def parameters(
-    names: Sequence[str], values: Iterable[float], errors: Iterable[float], known: Iterable[bool]
+    names: Sequence[str],
+    values: Iterable[float | np.floating],
+    errors: Iterable[float | np.floating],
+    known: Iterable[bool | np.bool_],
 ) -> dict[str, Any]:
     """Return the columns of a table of parameters, of which some may not be determined."""
     rows = [*zip(values, errors, known, strict=True)]

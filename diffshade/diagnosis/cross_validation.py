@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..core.fields import Array
-from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
+from ..inverse.forward.sums import residuals
 from ..inverse.laid_out import LaidOut
-from ..inverse.pixels.blocks import Block
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
 from .patches import Parts, cut_in_patches, keep_only, patch_width, residual_images
@@ -78,7 +75,7 @@ def cross_validate(laid: LaidOut, folds: Parts, scale: float, report_progress: C
     point = evaluate(laid.theta, laid.task, [chunk for of in weighed for chunk in of])
     single_view = point.views.single_view(len(laid.theta))
     single_view = single_view if folds.by_view else np.full(len(single_view), -1)
-    squares, samples, signal, converged = np.zeros(len(folds)), np.zeros(len(folds)), 0.0, True
+    squares, samples, converged = np.zeros(len(folds)), np.zeros(len(folds)), True
     for k, part in enumerate(folds.samples):
         report_progress(k / len(folds))
         alone = np.isin(single_view, [view for view, s in enumerate(part) if len(s.pixels)])
@@ -86,21 +83,9 @@ def cross_validate(laid: LaidOut, folds: Parts, scale: float, report_progress: C
         end = laid.minimise(held, chunks=[chunk for i, of in enumerate(weighed) if i != k for chunk in of])
         converged &= not end.message
         for chunk in chunks[k]:
-            m, weight = map(np.asarray, _predicted(jnp.asarray(end.theta), laid.model, chunk))
-            target = np.asarray(chunk.observed.target)
-            squares[k] += scale**2 * float(np.sum(rho(weight * (m - target) ** 2 / scale**2)))
-            samples[k] += float(np.sum(weight > 0))
-            signal += float(np.sum(weight * target**2))
+            r, counts = map(np.asarray, residuals(jnp.asarray(end.theta), laid.model, chunk))
+            squares[k] += scale**2 * float(np.sum(rho((r[counts] / scale) ** 2)))
+            samples[k] += float(counts.sum())
     own = dict.fromkeys(u.quantity for u, view in zip(problem.unknowns, single_view, strict=True) if view >= 0)
-    rounding = float(np.finfo(np.float32).eps) ** 2 * signal / float(samples.sum())
+    rounding = float(np.finfo(np.float32).eps) ** 2 * laid.squares / float(samples.sum())
     return Scores(squares, samples, rounding, tuple(own), converged)
-
-
-@jax.jit
-def _predicted(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, Array]:
-    """Return the predictions of a chunk, and the weights of its samples; 0 for a clipped sample."""
-
-    def of_block(block: Block) -> tuple[Array, Array]:
-        return jnp.stack(model.predict(theta, block)), model.measured_weights(block)
-
-    return jax.lax.map(of_block, chunk)

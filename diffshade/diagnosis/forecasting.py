@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..core.backend import in_float64
+from ..core.fields import as_float64
 from ..core.tables import as_text, parameters
 from ..inverse.data.recording import photograph
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import Noise, View, has_alpha
-from ..inverse.fitting import check_choices, check_free
+from ..inverse.fitting import check_choices, check_free, new_problem
 from ..inverse.laid_out import lay_out
-from ..inverse.problem import fit_problem, with_samples_for
 from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.summary import summarise
@@ -91,8 +91,7 @@ def forecast(
     check_choices(scene, views, constraints, "squares", "hinge", "search")
     if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
-    with in_float64((scene, views)) as (scene, views), ONE_BLAS_THREAD:
-        scene = jax.tree.map(lambda leaf: np.asarray(leaf, None if np.asarray(leaf).dtype == bool else float), scene)
+    with in_float64((jax.tree.map(as_float64, scene), views)) as (scene, views), ONE_BLAS_THREAD:
         data = ViewSet.of(scene, views)
         views = tuple(_with_expected_image(scene, view, noise) for view in data.views)
         unknowns = find_unknowns(
@@ -100,8 +99,7 @@ def forecast(
         )
         check_free(unknowns)
         data = dataclasses.replace(data, views=views)
-        data = with_samples_for(scene, data, unknowns, "hinge", forecast=True)
-        problem = fit_problem(scene, data, unknowns, "squares")
+        problem = new_problem(scene, data, unknowns, "squares", "hinge", forecast=True)
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
         laid = lay_out(problem, theta, problem.sum_of_squares(problem.chunks()))
         fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.chunks), 0, ""), forecast=True)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
-from ..core.robust_scale import GAUSS_95
+from ..core.robust_scale import GAUSS_95, jackknife_error
 from ..core.tables import as_text, with_error
 from ..core.thresholds import GREY_LEVEL, SMALL
 from ..core.words import listing
@@ -214,10 +214,8 @@ def paired_difference(
 
     It is the jackknife of a ratio (Efron and Tibshirani 1993, ch. 11); for folds of one size, that of a mean.
     """
-    G = len(count)
     without = (difference.sum() - difference) / (count.sum() - count)
-    error = np.sqrt((G - 1) / G * np.sum((without - without.mean()) ** 2))
-    return float(difference.sum() / count.sum()), float(error)
+    return float(difference.sum() / count.sum()), float(jackknife_error(without))
 
 
 def least_ratio(one: Scores, best: Scores) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.masks import Mask
+from ..core.robust_scale import OUTLIER
 from ..core.thresholds import FEW, SLIGHT
 from ..inverse.data.samples import Samples
 from ..inverse.data.view_sets import ViewSet
@@ -85,13 +86,13 @@ def correlation_length(
     on top of a smooth error lowers both by the same factor.
     """
     residuals = [d[..., None] for d in differences]
-    first = neighbour_correlation(residuals, counts)
-    if first.share < SLIGHT or not first.least > 0.0:
+    first, errors = neighbour_correlation(residuals, counts)
+    if first < SLIGHT or not errors > OUTLIER:
         return 0
     longest = min(min(d.shape) for d in differences) - 1
     lags = range(2, longest)
-    shares = (neighbour_correlation(residuals, counts, lag).share for lag in lags)
-    return next((lag for lag, share in zip(lags, shares, strict=True) if share < first.share / np.e), longest)
+    shares = (neighbour_correlation(residuals, counts, lag)[0] for lag in lags)
+    return next((lag for lag, share in zip(lags, shares, strict=True) if share < first / np.e), longest)
 
 
 def patch_width(differences: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> int:

@@ -132,7 +132,7 @@ def _laid_out(fit: Fit) -> LaidOut:
 
 def _moves(fit: Fit, laid: LaidOut, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
     """Return -H^-1 of the mixed derivatives, in the values' own units."""
-    whole = np.asarray(hessian) + np.asarray(_prior_hessian(laid.priors, jnp.asarray(laid.theta)))
+    whole = np.asarray(hessian) + np.asarray(_prior_hessian(laid.task.priors, jnp.asarray(laid.theta)))
     free = ~fit.at_bound
     moves = np.zeros((len(free), np.shape(mixed)[1]))
     moves[free] = -inverse(whole[np.ix_(free, free)]) @ np.asarray(mixed)[free]

@@ -19,11 +19,11 @@ from ..core.fields import as_float64
 from ..model.scenes import Scene
 from .data.view_sets import ViewSet
 from .data.views import View
-from .fitting import check_choices, check_free
+from .fitting import check_choices, check_free, new_problem
 from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
 from .pixels.blocks import Block
-from .problem import FitProblem, fit_problem, with_samples_for
+from .problem import FitProblem
 from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
 from .solve.start_search import best_linear, groups_to_try
 from .unknowns.parameters import find_unknowns
@@ -243,7 +243,7 @@ def fit_function(
         data = ViewSet.of(scene, views)
         unknowns = find_unknowns(scene, data.views, free, bounds=bounds, grey=bool(data.grey))
         check_free(unknowns)
-        data = with_samples_for(scene, data, unknowns, "hinge")
+        problem = new_problem(scene, data, unknowns, "squares", "hinge")
         for i, view in enumerate(views):
             if view.sensor is not None:
                 raise ValueError(
@@ -254,12 +254,11 @@ def fit_function(
                 raise ValueError(
                     f"a fit function counts all samples alike; views[{i}] has noise. Leave it out, or use fit."
                 )
-        if data.counts.clipped:
+        if clipped := problem.data.counts.clipped:
             raise ValueError(
-                f"a fit function knows no clipped samples; {data.counts.clipped} of the views' samples are. Mask them "
+                f"a fit function knows no clipped samples; {clipped} of the views' samples are. Mask them "
                 "out, or use fit."
             )
-        problem = fit_problem(scene, data, unknowns, "squares")
         shapes = tuple(np.shape(view.image) for view in views)
         chunk = jax.tree.map(lambda *of: np.concatenate(of), *_numbered(problem, shapes).chunks())
         told = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)

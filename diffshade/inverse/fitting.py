@@ -19,9 +19,10 @@ from ..model.scenes import Scene
 from ..parallel.threads import ONE_BLAS_THREAD
 from .data.view_sets import ViewSet
 from .data.views import View
+from .forward.features import MOST_LIGHTS
 from .forward.losses import LOSSES
 from .misfit.noise_tests import leftovers, whiteness
-from .problem import fit_problem, with_samples_for
+from .problem import FitProblem, fit_problem, moves_surface
 from .result import Fit
 from .solving import solve
 from .summary import summarise
@@ -148,8 +149,7 @@ def fit(
         )
         check_free(unknowns)
         report_progress("reading the views")
-        data = with_samples_for(scene, data, unknowns, clipped, memory=memory)
-        problem = fit_problem(scene, data, unknowns, loss)
+        problem = new_problem(scene, data, unknowns, loss, clipped, memory=memory)
         laid, end = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
         found, residuals = summarise(laid, end), whiteness(leftovers(laid, end.theta))
         del laid
@@ -163,6 +163,37 @@ def fit(
         ):
             found = judge(found, report_progress)
         return found
+
+
+def new_problem(
+    scene: Scene,
+    data: ViewSet,
+    unknowns: Sequence[Unknown],
+    loss: str,
+    clipped: str,
+    *,
+    memory: float = np.inf,
+    forecast: bool = False,
+) -> FitProblem:
+    """Return the problem of a fit to views of which no samples are chosen yet.
+
+    Args:
+        scene: The scene.
+        data: The photographs.
+        unknowns: What is to be found.
+        loss: "squares", "huber", "cauchy" or "geman-mcclure".
+        clipped: What samples at an end of the sensor's range say; "exclude" leaves their pixels out.
+        memory: Bytes that the pixels may take.
+        forecast: Whether the photographs are still to be taken, so that equal ones are no repetition.
+
+    Raises:
+        ValueError: The views leave too little to fit to.
+    """
+    # samples and weights, and what lights do there
+    numbers = 2 * len(scene.channels) + 4 * min(max(map(len, data.lit)), MOST_LIGHTS)
+    at_most, moving = memory / (8 * numbers), moves_surface(unknowns)
+    data = data.sampled(scene, clipped, len(unknowns), at_most, moving=moving, forecast=forecast)
+    return fit_problem(scene, data, unknowns, loss)
 
 
 def own_devices(mesh: Mesh) -> list[Any]:

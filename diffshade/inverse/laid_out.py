@@ -8,24 +8,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
-from ..core.backend import jit_quickly
-from ..core.fields import Array
 from ..core.progress import ReportProgress, silent
 from ..core.thresholds import MAX_STEPS
 from .data.view_sets import Masks
-from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
-from .forward.rounding import MOST_NOISE, Rounded, find_rounding, share_of_waves
-from .forward.sums import spread, sum_over, variance_of_steps, waves
 from .pixels.blocks import Block, Piece
 from .pixels.blocks import chunks as in_chunks
-from .problem import PART, FitProblem, Theta
-from .solve.solvers import FAR, Minimum, PriorResiduals, Task, minimise
+from .problem import FitProblem, Theta
+from .solve.solvers import FAR, Minimum, Task, minimise
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +42,6 @@ class LaidOut:
     def task(self) -> Task:
         """What is to be minimised."""
         return self.problem.task(self.squares)
-
-    @property
-    def priors(self) -> PriorResiduals:
-        """What is known of the unknowns beside the views."""
-        return self.problem.priors(self.squares)
 
     @property
     def size(self) -> int:
@@ -86,7 +74,7 @@ class LaidOut:
             lower[list(held)] = upper[list(held)] = list(held.values())
             theta = np.clip(theta, lower, upper)
             box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
-            task = Task(self.model, self.priors, box)
+            task = Task(self.model, task.priors, box)
         return minimise(
             theta,
             task,
@@ -97,10 +85,6 @@ class LaidOut:
             damping=damping,
             report_progress=lambda step, cost: report_progress(f"step {step}, cost {cost:.6g}"),
         )
-
-    def lay_out(self, parts: Sequence[Piece], size: int | None = None) -> list[Block]:
-        """Return the chunks of pieces, a block each, weighed at theta; blocks of another size where it is given."""
-        return self.problem.reweigh(self.theta, self.problem.lay_out(parts, size or self.size))
 
     def without(self, masks: Masks) -> list[Block]:
         """Return the chunks with no weight on the masked pixels: the same programs serve."""
@@ -117,46 +101,9 @@ class LaidOut:
 
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""
-        parts = self.problem.pieces(None, self.size)
-        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.data.views))]
-
-    def prior_gram(self, theta: Theta) -> Gram:
-        """Return the Gram of the priors and unit vectors, as NumPy arrays."""
-        priors = self.priors
-        if not (len(priors.index) or len(priors.units)):
-            p = len(theta)
-            return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
-        return jax.tree.map(np.asarray, _prior_gram(theta, priors))
-
-    def spread(self, end: Minimum) -> Float[np.ndarray, "5"]:
-        """Return the sums of `Likelihood.spread` at a minimum."""
-        cost, model = float(end.point.views.cost.sum()), self.model
-        if model.projects and cost > 1e-8 * self.squares:  # a smaller cost has lost its digits by cancellation
-            count = float(sum(s.count for s in self.problem.data.samples))
-            return np.array([count, *[2 * cost] * 2, *[count] * 2])
-        return np.asarray(sum_over(self.chunks, spread, end.point.theta, model))
-
-    def rounded(self, end: Minimum, of: Float[np.ndarray, "5"]) -> Rounded | None:
-        """Return what rounding adds to the errors; None without steps, or where noise hides them.
-
-        Args:
-            end: The minimum.
-            of: Its `spread`.
-        """
-        problem, square = self.problem, float(of[2] / of[0])
-        levels = [0.0 if view.noise is None else float(view.noise.levels) for view in problem.data.views]
-        steps = find_rounding(problem.values(problem.pieces(PART, problem.size_for(PART))), levels)
-        if not steps.exists:
-            return None
-        count, variance = sum_over(self.chunks, variance_of_steps, steps, self.model)
-        of_steps = float(variance / max(count, 1.0))  # mean square of the weighted residuals that rounding alone makes
-        beyond = max(square - of_steps, 0.0)
-        if beyond > 12.0 * MOST_NOISE**2 * of_steps:
-            return None
-        rounding = dataclasses.replace(steps, noise=np.asarray(np.sqrt(beyond)))
-        held = of_steps * share_of_waves(beyond / (12.0 * of_steps))
-        rows = sum_over(self.chunks, waves, end.point.theta, problem.with_rounding(rounding).model)
-        return Rounded(rounding, np.asarray(rows), min(held / max(square, 1e-300), 1.0))
+        problem, parts = self.problem, self.problem.pieces(None, self.size)
+        of_views = ([p for p in parts if p.view == view] for view in range(len(problem.data.views)))
+        return [problem.reweigh(self.theta, problem.lay_out(of, self.size)) for of in of_views]
 
 
 def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | None = None) -> LaidOut:
@@ -164,9 +111,3 @@ def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | No
     size = problem.size_for(at_most)
     parts = problem.pieces(at_most, size)
     return LaidOut(problem, theta, squares, parts, problem.reweigh(theta, problem.lay_out(parts, size)))
-
-
-@jit_quickly
-def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
-    gram = priors.gram(theta)
-    return Gram(gram.cost, gram.gradient, gram.hessian.as_matrix())

@@ -23,7 +23,7 @@ from ..model.scenes import Object, Scene
 from ..parallel.threads import on_all_cores
 from .data.samples import MIN_PIXELS
 from .data.view_sets import ViewSet
-from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
+from .forward.features import feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
 from .forward.layout import points_of, weigh, with_weights, without_clipped
 from .forward.losses import Likelihood
@@ -131,6 +131,10 @@ class FitProblem:
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
         laid = self.chunks(FEW, min(self.block_size, max(FEW // max(len(self.data.views), 2), MIN_PIXELS)))
+        return self.measured(laid)
+
+    def measured(self, laid: list[Block]) -> list[Block]:
+        """Return chunks in which no clipped sample counts."""
         return on_all_cores(without_clipped, laid) if self.data.counts.clipped else laid
 
     def reweigh(self, theta: Theta, laid: list[Block]) -> list[Block]:
@@ -181,34 +185,12 @@ def fit_problem(
     else:
         model = RenderedModel(setting, likelihood, steepest(unknowns))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-    linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, data.views, unknowns)
+    linear, arrow = np.array([u.parameter.linear for u in unknowns]), arrow_of(scene, data.views, unknowns)
     in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
     box = BoxConstraints(lower, upper, linear, arrow, bool(in_border))
     size = block_size(data.pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
     return FitProblem(scene, data, unknowns, loss, model, box, size, over_pixels)
-
-
-def with_samples_for(
-    scene: Scene,
-    data: ViewSet,
-    unknowns: Sequence[Unknown],
-    clipped: str,
-    *,
-    memory: float = np.inf,
-    forecast: bool = False,
-) -> ViewSet:
-    """Return views with the samples that a fit of these unknowns looks at; see `ViewSet.sampled`."""
-    # samples and weights, and what lights do there
-    numbers = 2 * len(scene.channels) + 4 * min(max(map(len, data.lit)), MOST_LIGHTS)
-    return data.sampled(
-        scene,
-        clipped,
-        unknowns=len(unknowns),
-        moving=moves_surface(unknowns),
-        at_most=memory / (8 * numbers),
-        forecast=forecast,
-    )
 
 
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:

@@ -40,26 +40,25 @@ class Solved:
         solved = dataclasses.replace(problem, scene=scene, data=data, **arrays)
         return cls(solved, coordinates(values, problem.unknowns), squares)
 
-    def changed(self, *, theta: Theta | None = None, sigma: float | None = None, **parts: Any) -> Solved:
+    def changed(self, *, theta: Theta | None = None, **parts: Any) -> Solved:
         """Return the problem with some of its parts changed, at the same scale and steps, to be solved again.
 
         Args:
             theta: Where to begin, by default where the problem was solved.
-            sigma: Another scale of the residuals.
             parts: Arguments of `fit_problem` that change.
         """
         old = self.problem
         same = ("scene", "data", "unknowns", "loss")
         new = fit_problem(**{name: getattr(old, name) for name in same} | parts)
-        scale = float(old.model.likelihood.sigma) if sigma is None else sigma
-        new = new.with_scale(scale, old.model.likelihood.loss).with_rounding(old.model.setting.rounding)
+        likelihood = old.model.likelihood
+        new = new.with_scale(float(likelihood.sigma), likelihood.loss).with_rounding(old.model.setting.rounding)
         return Solved(new, self.theta if theta is None else theta, self.squares)
 
-    def beside(self, more: Sequence[Unknown], *, sigma: float | None = None) -> Solved:
+    def beside(self, more: Sequence[Unknown]) -> Solved:
         """Return the problem with more unknowns after its own, by the model that serves any scene."""
         unknowns = (*self.problem.unknowns, *more)
         theta = np.append(self.theta, coordinates(np.array([u.start for u in more]), more))
-        return self.changed(theta=theta, sigma=sigma, unknowns=unknowns, rendered=True)
+        return self.changed(theta=theta, unknowns=unknowns, rendered=True)
 
     def keeping(self, masks: Masks) -> Solved:
         """Return the problem with the pixels that masks keep."""

@@ -14,22 +14,23 @@ import numpy as np
 from ..core.progress import ReportProgress, silent
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import MAX_STEPS, ROUNDING
+from ..model.scenes import Scene
 from ..parallel.threads import on_all_cores
-from .forward.layout import without_clipped
+from .data.view_sets import ViewSet
 from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
 from .forward.sums import residuals
 from .laid_out import LaidOut, lay_out
 from .pixels.blocks import Block
-from .problem import PART, FitProblem, Theta
+from .problem import PART, FitProblem, Theta, fit_problem
+from .solve.descent import STALLED
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import at_better_places, from_broad_highlights
 from .solve.solvers import FAR, NEAR, STATED, Minimum, minimise
 from .solve.start_search import is_local, search, with_wide_edges
-from .unknowns.unknown import coordinates
+from .unknowns.unknown import coordinates, values_at
 from .unknowns.visibility import places_apart
 
-STALLED = 1e-8  # ... and that several steps together must keep
 REPEATS = 20  # of the alternation between the scale and the minimum
 
 ELSEWHERE = 4  # times that lights whose views cost much more than others' are tried at other places
@@ -61,14 +62,20 @@ def solve(
     return laid, _with_lights_elsewhere(laid, end, report_progress)
 
 
+def solve_again(problem: FitProblem, scene: Scene, data: ViewSet, theta: Theta) -> tuple[LaidOut, Minimum]:
+    """Return another scene or other views fitted anew, by a search from these values."""
+    values = values_at(theta, problem.unknowns).tolist()
+    start = [dataclasses.replace(u, start=v) for u, v in zip(problem.unknowns, values, strict=True)]
+    return solve(fit_problem(scene, data, start, problem.loss))
+
+
 def lay_out_part(problem: FitProblem) -> LaidOut:
     """Return a problem with `PART` of its pixels at most laid out, at the scene's values and weighed by their noise."""
     size = problem.size_for(PART)
     parts = problem.pieces(PART, size)
     chunks = problem.lay_out(parts, size)
-    measured = on_all_cores(without_clipped, chunks) if problem.data.counts.clipped else chunks
     begin = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
-    return LaidOut(problem, begin, problem.sum_of_squares(measured), parts, chunks)
+    return LaidOut(problem, begin, problem.sum_of_squares(problem.measured(chunks)), parts, chunks)
 
 
 def find_start(
@@ -87,8 +94,7 @@ def find_start(
     """
     problem, theta, chunks, near = part.problem, part.theta, part.chunks, False
     if not from_scene:
-        measured = on_all_cores(without_clipped, chunks) if problem.data.counts.clipped else chunks
-        theta, near = _search(problem, measured, part.squares, report_progress)
+        theta, near = _search(problem, problem.measured(chunks), part.squares, report_progress)
         theta = by_rising_exponent(theta, problem.scene, problem.unknowns)
     if problem.settles:
         problem, chunks, theta, near = _settle(problem, chunks, part.squares, theta)

@@ -23,8 +23,9 @@ from .result import Fit
 from .solve.interchangeable import note_order
 from .solve.solvers import Minimum
 from .solved import Solved
+from .spreads import rounded_at, spread_at
 from .statistics.clusters import compared, independent
-from .statistics.evidence import Evidence
+from .statistics.evidence import Evidence, prior_gram
 from .statistics.gauges import set_by_priors
 from .statistics.identifiability import (
     condition_number,
@@ -64,8 +65,8 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     """
     problem = laid.problem
     scene, views, unknowns, likelihood = problem.scene, problem.data.views, problem.unknowns, problem.model.likelihood
-    found, spread = _values_at(end, unknowns), laid.spread(end)
-    rounded = None if forecast else laid.rounded(end, spread)
+    found, spread = _values_at(end, unknowns), spread_at(end, laid)
+    rounded = None if forecast else rounded_at(end, laid, spread)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
     evidence, groups, (zero, directions) = _evidence(laid, end, found, slope, spread, rounded)
     everything, regular = evidence.total, evidence.regular
@@ -150,7 +151,7 @@ def _evidence(
     rounded: Rounded | None,
 ) -> tuple[Evidence, list[list[int]], tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]]:
     """Return the evidence for the errors, in the unknowns' own units, the views by cluster, and what is singular."""
-    problem, point, prior, p = laid.problem, end.point, laid.prior_gram(end.theta), len(end.theta)
+    problem, point, prior, p = laid.problem, end.point, prior_gram(end.theta, laid.task.priors), len(end.theta)
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
     shows = point.views.seen(p) > 0.0
     groups = [group for group in problem.data.setups if shows[group].any()] or [[*range(len(problem.data.views))]]
@@ -170,7 +171,7 @@ def _evidence(
 
 def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[np.ndarray, "m p"]:
     """Return the directions of several unknowns along which no pixel changes, and which their priors hold."""
-    priors = laid.priors
+    priors = laid.task.priors
     if not len(priors.index):
         return np.zeros((0, len(slope)))
     without = np.array(everything)

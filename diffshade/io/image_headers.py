@@ -83,10 +83,10 @@ def check_tiff(data: bytes) -> list[dict[int, tuple[int, ...]]]:
             f"has more than one page. Save each to a file of its own, or up to {MOST_BANDS} bands as grey pages of one "
             "size and kind."
         )
-    for tags in pages:
-        _check_strips(data, tags)
     if sum(sum(tags[325] if 324 in tags else tags[279]) for tags in pages) > len(data):
         raise ValueError
+    for tags in pages:
+        _check_strips(data, tags)
     return pages
 
 
@@ -136,8 +136,6 @@ def _check_strips(data: bytes, tags: dict[int, tuple[int, ...]]) -> None:
     """Raise if strips or tiles are truncated, overlap, or are too short for their pixels."""
     tiled = 324 in tags
     offsets, sizes = (tags[324], tags[325]) if tiled else (tags[273], tags[279])
-    if sum(sizes) > len(data):
-        raise ValueError
     compression = tags.get(259, (1,))[0]
     for offset, size in zip(offsets, sizes, strict=True):
         if offset + size > len(data):

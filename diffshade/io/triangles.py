@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.extras import needing
+from .vertex_normals import unit
 
 Points = Float[np.ndarray, "n 3"]
 
@@ -26,7 +27,7 @@ class Triangles(NamedTuple):
         total = np.stack(
             [np.bincount(self.face.ravel(), np.repeat(across[:, k], 3), len(self.corner)) for k in range(3)], -1
         )
-        return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-300)
+        return unit(total)
 
     def used(self) -> tuple[Triangles, Int[np.ndarray, " kept"]]:
         """Return the mesh without corners of no triangle, and the indices of those that are kept."""

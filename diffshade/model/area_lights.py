@@ -11,7 +11,7 @@ import numpy as np
 from ..core.fields import Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete, parameter
 from .attenuation import AbstractAttenuation, RadialAttenuation, check_attenuation
 from .flaps import Flaps, check_flaps
-from .lights import AbstractEmitter, AbstractLight, PointLight, SpotLight
+from .lights import AbstractLight, SpotLight
 from .vectors import Vec3, along_one_line, cross
 
 
@@ -83,10 +83,6 @@ class AreaLight(AbstractLight):
     def is_local(self) -> bool:
         """True."""
         return True
-
-    def bare(self) -> AbstractEmitter:
-        """Return a point light in the middle, of intensity 1, not attenuated."""
-        return PointLight(self.corner + 0.5 * (self.edge_u + self.edge_v))
 
     def emitters(self) -> SpotLight:
         """Return the n_u n_v spots, as a stack."""

@@ -1,161 +1,208 @@
-"""Conventions: lights in other axes or in another order than the photographs, where the normals are unknown.
+r"""Conventions: lights in other axes or in another order than the photographs, where the normals are unknown.
 
-Another order leaves no normals that explain the photographs. Other axes leave normals that explain them as well, turned
-or mirrored; but those of a thing face the camera, point outward at its outline, and are those of one surface.
+A matte texel has b = k_d n (Woodham 1980). In another order of the lights no b explains the photographs. In other axes
+A b explains them as well as b does; but the normals of a thing face the camera, point outward at its outline, and are
+those of a surface:
+
+$$ \partial_y (b_1 / b_3) = \partial_x (b_2 / b_3) $$
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from numpy.polynomial import legendre
+from jaxtyping import Bool, Float
+from scipy.ndimage import binary_erosion, gaussian_filter
 
-from ..core.thresholds import BLACK, CLEARLY, MINOR, MOST, SMALL, TINY
+from ..core.robust_scale import robust_scale
+from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT, SMALL, TINY
 from ..core.words import Note
 from ..inverse.data.views import View, lights_on
-from ..inverse.misfit.changes import SMOOTH_DEGREE
-from ..inverse.misfit.conventions import HEALED, MIN_VIEWS, axes_in_words, orders
+from ..inverse.misfit.conventions import axes_in_words, orders, other_axes
+from ..inverse.unknowns.light_priors import middle_of
 from ..model.cameras import axes
 from ..model.scenes import Scene
-from .tiles import TexelTile
+from ..model.vectors import Vec3
+from .light_directions import MIN_SPREAD
+from .lights.uncalibrated import SIGMA, middle_ranks, pseudo_normals, slopes
+from .tiles import SAMPLED_ROWS, TexelTile, ViewReader
 
-DEGREE = 2 * SMOOTH_DEGREE  # of the height whose slopes are compared with those of the normals
+
+class _Lamps(NamedTuple):
+    """The light of each view, at the middle of the object."""
+
+    towards: Float[np.ndarray, "views 3"]
+    power: Float[np.ndarray, " views"]
 
 
-@dataclass(frozen=True, eq=False)
-class _Shading:
-    """What the texels of an object show."""
+class _Cells(NamedTuple):
+    """What the views show of an object, on a grid of about 64 cells along its longer side."""
 
-    seen: Float[np.ndarray, "views n"]
+    seen: Float[np.ndarray, "views h w"]
     """Brightness, of exposure 1."""
-    used: Bool[np.ndarray, "views n"]
-    """Neither the darkest third, which may be in shadow, nor the brightest tenth, which may be a highlight."""
-    place: Float[np.ndarray, "2 n"]
-    """From -1 to 1 across the object, along x and y."""
+    counts: Bool[np.ndarray, "views h w"]
+    inside: Bool[np.ndarray, "h w"]
 
 
-def other_light_convention(
-    scene: Scene, views: Sequence[View], sample: TexelTile, middle: Float[np.ndarray, "3"]
-) -> Note | None:
+class _Shape(NamedTuple):
+    """What the photographs say of the object's shape under lights of some order, in the axes of the lights."""
+
+    misfit: float
+    """Typical residual of a cell, relative to its brightness."""
+    b: Float[np.ndarray, "n 3"]
+    curl: tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]
+    """b x its slope along x, and up: other axes A change them as they change b, but for the sign of both."""
+    edge: Float[np.ndarray, "k 3"]
+    """The unit normals at the outline."""
+    outward: Float[np.ndarray, "k 2"]
+    """Unit vectors that point out of it, right and up."""
+    cast: float
+    """The share of dark cells among those on which a lamp should graze: a hollow shades itself."""
+
+
+def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewReader, sample: TexelTile) -> Note | None:
     """Return a sentence if the lights are described in other axes, or listed in another order, than the photographs.
 
+    Nothing is said of fewer than eight photographs, nor where several lights are on, nor where all are close to each
+    other or to one plane, nor where several descriptions explain the photographs. If no outline tells whether the
+    object bulges, two descriptions are named, of which one is right.
+
     Args:
-        scene: The scene; each view needs one of its lights.
+        scene: The scene.
         views: The photographs.
-        sample: Some texels of the object.
-        middle: The middle of the object, to which lamps are near.
+        reader: What reads them.
+        sample: Texels from all over the object.
     """
-    on = [lights_on(scene, view) for view in views]
-    if len(views) < 2 * MIN_VIEWS or any(len(lit) != 1 for lit in on):
+    lamps = _lamps(scene, views)
+    if lamps is None or len(views) < FEW or not len(sample.pixels):
         return None
-    lamps = [scene.lights[lit[0]] for lit in on]
-    towards = [_towards(lamp, middle) for lamp in lamps]
-    if any(of is None for of in towards):
+    off_plane = np.linalg.svd(lamps.towards, compute_uv=False)[2] / np.sqrt(len(views))
+    cells = _cells(views, reader, sample)
+    given = _shape(cells, lamps)
+    if given is None or off_plane < MIN_SPREAD:
         return None
-    camera = np.array([np.asarray(axis.stack()) for axis in axes(views[0].camera)])
-    power = [float(np.mean(np.asarray(getattr(lamp, "intensity", 1.0)))) for lamp in lamps]
-    l = np.array(power)[:, None] * np.array(towards) @ camera.T
-    if np.linalg.cond(l) > 1.0 / SMALL:  # nearly in one plane, or along one line
+    camera = np.array([np.asarray(axis.stack()) for axis in axes(reader.camera)])
+    others = [(_doubt(given, camera @ A), A, axes_in_words(A)) for A in other_axes()]
+    others += [(of, None, words) for of, words in _moved(views, cells, lamps, camera)]
+    best = min(of for of, *_ in others)
+    as_good = [(A, words) for of, A, words in others if of < CLEARLY * best]
+    turned = [A for A, _ in as_good if A is not None]
+    stands_out = FAR_MORE**3 if turned else FAR_MORE**2  # other axes leave the photographs explained as they were
+    if best > SMALL or _doubt(given, camera) < max(stands_out * best, MINOR):
         return None
-    shading = _shading(views, sample)
-    given = _squares(l, shading)
-    others = [(_squares(l[order], shading), words) for words, order in orders(len(l))]
-    best, words = min(others)
-    if best < HEALED * given and all(CLEARLY * best < squares for squares, other in others if other != words):
-        return _said(words)
-    return _other_axes(_normals(l, shading), shading)
-
-
-def _said(words: str) -> Note:
-    return Note(f"{words}. Nothing is determined until it is corrected.", "cause", ("convention",))
-
-
-def _towards(lamp: Any, middle: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"] | None:
-    """Return the direction to a lamp; None if it has none."""
-    place = next(iter(lamp.placement), "")
-    if place not in ("direction", "position"):
+    half_turn = camera.T @ np.diag([-1.0, -1.0, 1.0]) @ camera
+    if len(as_good) == 1:
+        found = as_good[0][1]
+    elif len(as_good) == len(turned) == 2 and np.allclose(half_turn @ turned[0], turned[1]):
+        found = axes_in_words(*turned)
+    else:
         return None
-    towards = -np.asarray(lamp.direction) if place == "direction" else np.asarray(lamp.position) - middle
-    return towards / np.linalg.norm(towards)
+    inside_out = any(np.allclose(A, half_turn) for A in turned)
+    unless = ", unless the object is hollow at its outline" if inside_out else ""
+    return Note(f"{found}{unless}. Nothing is determined until it is corrected.", "cause", ("convention",))
 
 
-def _other_axes(n: Float[np.ndarray, "n 3"], shading: _Shading) -> Note | None:
-    """Return a sentence if the normals are those of a surface in other axes alone."""
+def _moved(
+    views: Sequence[View], cells: _Cells, lamps: _Lamps, camera: Float[np.ndarray, "3 3"]
+) -> list[tuple[float, str]]:
+    """Return the doubt that each of the usual other orders leaves, where each view has a light of its own."""
+    if len({view.lit for view in views}) < len(views):
+        return []
+    shapes = [
+        (_shape(cells, _Lamps(lamps.towards[order], lamps.power[order])), words) for words, order in orders(len(views))
+    ]
+    return [(_doubt(shape, camera), words) for shape, words in shapes if shape is not None]
+
+
+def _lamps(scene: Scene, views: Sequence[View]) -> _Lamps | None:
+    """Return the light of each view; None where one has several, or one that is neither a direction nor a position."""
+    middle = Vec3.of(middle_of(scene))
     found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            A = np.array(signs)[:, None] * np.eye(3)[list(order)]
-            found.append((_looks_like_a_surface(n @ A.T, shading), A))
-    given = next(score for score, A in found if (np.eye(3) == A).all())
-    score, A = max(found, key=lambda one: one[0])
-    if score < 1.0 + MOST or score - given < 3.0 * SMALL:
+    for view in views:
+        on: list[Any] = [scene.lights[i] for i in lights_on(scene, view)]
+        if len(on) != 1 or on[0].placement not in (("direction",), ("position",)):
+            return None
+        towards, power = on[0].arriving(middle)
+        found.append((np.asarray(towards.stack()), float(np.mean(np.asarray(power.stack())))))
+    towards, power = map(np.array, zip(*found, strict=True))
+    return _Lamps(towards, power)
+
+
+def _cells(views: Sequence[View], reader: ViewReader, sample: TexelTile) -> _Cells:
+    """Return what the views show of a grid of cells: of each the mean of its upper row of pixels."""
+    height, width = reader.shape
+    row, column = np.divmod(sample.pixels, width)
+    size = int(max(np.ptp(row), np.ptp(column)) // SAMPLED_ROWS + 1)
+    first, left = (max(int(of.min()) - 2 * size, 0) for of in (row, column))
+    last, right = (min(int(of.max()) + 2 * size, end - 1) for of, end in ((row, height), (column, width)))
+    h, w = (last - first) // size + 1, (right - left) // size + 1
+    scale = [(float(view.black), float(view.exposure)) for view in views]
+    black, exposure = np.array(scale).T[..., None]
+    seen, counts, inside = np.zeros((len(views), h, w)), np.zeros((len(views), h, w)), np.zeros((h, w))
+    for r in range(h):
+        tile = reader.read(first + r * size, first + r * size + 1, 1)
+        c = (tile.pixels % width - left) // size
+        kept = (c >= 0) & (c < w)
+        c, tile = c[kept], tile.part(np.flatnonzero(kept))
+        y = (np.asarray(tile.target, np.float64).mean(1) - black) / exposure
+        inside[r] = np.bincount(c, minlength=w)
+        for v, (of, known) in enumerate(zip(y, tile.counts, strict=True)):
+            seen[v, r] = np.bincount(c, of * known, w)
+            counts[v, r] = np.bincount(c, known, w)
+    most = inside > MOST * size
+    return _Cells(seen / np.maximum(counts, 1.0), (counts == inside) & most, most)
+
+
+def _shape(cells: _Cells, lamps: _Lamps) -> _Shape | None:
+    """Return what the cells say of the shape under lamps; None if no cell has neighbours."""
+    lit = lamps.power[:, None] > 0.0
+    y = cells.seen[:, cells.inside] / np.where(lit, lamps.power[:, None], 1.0)
+    counts = cells.counts[:, cells.inside] & lit
+    b = pseudo_normals(y, counts, lamps.towards)
+    whole = np.zeros((*cells.inside.shape, 3))
+    whole[cells.inside] = b
+    smooth, by_x, by_y, _ = slopes(cells.inside, whole)
+    used = middle_ranks(y, counts)
+    if not len(smooth) or not used.any():
         return None
-    return _said(axes_in_words(A))
+    level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), TINY)
+    square = np.maximum((smooth**2).sum(-1, keepdims=True), TINY)
+    within = binary_erosion(cells.inside, border_value=1)  # the picture's end is no outline
+    edge = np.greater(cells.inside, within)
+    down, right = np.gradient(gaussian_filter(cells.inside.astype(float), SIGMA))
+    shading = lamps.towards @ b.T
+    grazed = counts & (np.abs(shading / np.maximum(np.linalg.norm(b, axis=-1), TINY) - BLACK) < SMALL)
+    return _Shape(
+        robust_scale(((shading - y) / level)[used]),
+        b,
+        (np.cross(smooth, by_x) / square, np.cross(smooth, by_y) / square),
+        _unit(whole[edge]),
+        _unit(np.stack([-right, down], -1)[edge]),
+        float(np.mean((y < MOST * shading)[grazed])) if grazed.any() else 1.0,
+    )
 
 
-def _looks_like_a_surface(n: Float[np.ndarray, "n 3"], shading: _Shading) -> float:
-    """Return how much normals look like those of a thing, at most 3: the more of the three signs, the more it is one.
+def _unit(vectors: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), TINY)
 
-    They face the camera, steep ones point away from the middle, and their slopes are those of a height.
+
+def _doubt(shape: _Shape, A: Float[np.ndarray, "3 3"]) -> float:
+    """Return how little a shape is that of a thing, in the axes to which A turns it: a sum of four squared shares.
+
+    They are the misfit of the photographs, the curl of the surface, the share of the normals that face away from the
+    camera, and whether those at an outline point neither outward nor inward, as in a hollow, which shades itself.
     """
-    facing = float(np.mean(n[:, 2] > 0.0))
-    if facing < 1.0 - SMALL:
-        return 0.0
-    away = shading.place - shading.place.mean(1, keepdims=True)
-    away = away / np.maximum(np.linalg.norm(away, axis=0), TINY)
-    steep = n[:, 2] < 1.0 - BLACK  # as at the outline
-    outward = float(np.mean(np.sum(n[steep, :2].T * away[:, steep], 0))) if steep.mean() > MINOR else 0.0
-    return facing + outward + _integrable(n, shading.place)
-
-
-def _integrable(n: Float[np.ndarray, "n 3"], place: Float[np.ndarray, "2 n"]) -> float:
-    """Return the share of the slopes' squares that a smooth height explains."""
-    flat = n[:, 2] > 2.0 * SMALL  # steeper slopes are too large to compare
-    p, q = (-n[flat, k] / n[flat, 2] for k in (0, 1))
-    weight = n[flat, 2]
-    x, y = place[:, flat]
-    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i) if i + j > 0]
-    X, Y = legendre.legvander(x, DEGREE), legendre.legvander(y, DEGREE)
-    slopes = np.eye(DEGREE + 1)
-    dX, dY = (np.stack([legendre.legval(at, legendre.legder(c)) for c in slopes], -1) for at in (x, y))
-    both = ((dX, Y), (X, dY))
-    A = np.concatenate([np.stack([of[:, i] * by[:, j] * weight for i, j in powers], -1) for of, by in both])
-    b = np.concatenate([p * weight, q * weight])
-    c = np.linalg.lstsq(A, b, rcond=None)[0]
-    return float(1.0 - np.sum((b - A @ c) ** 2) / max(np.sum(b**2), TINY))
-
-
-def _normals(l: Float[np.ndarray, "views 3"], of: _Shading) -> Float[np.ndarray, "n 3"]:
-    """Return the normals by least squares (Woodham 1980)."""
-    g = _by_squares(l, of)
-    return g / np.maximum(np.linalg.norm(g, axis=-1, keepdims=True), TINY)
-
-
-def _by_squares(l: Float[np.ndarray, "views 3"], of: _Shading) -> Float[np.ndarray, "n 3"]:
-    H = np.einsum("vn,vi,vj->nij", of.used, l, l) + TINY * np.eye(3)
-    return np.linalg.solve(H, np.einsum("vn,vi->ni", of.used * of.seen, l)[..., None])[..., 0]
-
-
-def _squares(l: Float[np.ndarray, "views 3"], of: _Shading) -> float:
-    """Return the sum of squares that normals leave."""
-    return float(np.sum(of.used * (of.seen - l @ _by_squares(l, of).T) ** 2))
-
-
-def _shading(views: Sequence[View], sample: TexelTile) -> _Shading:
-    """Return what some texels show."""
-    seen = sample.target.mean(1) / np.array([float(view.exposure) for view in views])[:, None]
-    rank = np.argsort(np.argsort(seen, 0), 0) / len(seen)
-    used = sample.counts & (rank >= 1 / 3) & (rank < 1.0 - SMALL)
-    row, column = np.divmod(sample.pixels, views[0].camera.shape[1])
-    return _Shading(seen, used, _place(row, column))
-
-
-def _place(row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]) -> Float[np.ndarray, "2 n"]:
-    middle = [(of.max() + of.min()) / 2 for of in (column, row)]
-    half = max(np.ptp(row), np.ptp(column), 1) / 2
-    return np.array([(column - middle[0]) / half, (middle[1] - row) / half])
+    across, up = (of @ A.T for of in shape.curl)
+    size = np.sqrt(np.sum(shape.curl[0] ** 2 + shape.curl[1] ** 2, -1))
+    flat = 3.0 * SLIGHT  # from cell to cell: less than that, noise alone turns normals
+    curl = robust_scale(across[:, 0] + up[:, 1]) / max(robust_scale(size), flat)
+    away = np.mean(shape.b @ A[2] <= 0.0)
+    edge = (shape.edge @ A.T)[:, :2]
+    steep = np.linalg.norm(edge, axis=-1) > 1.0 - BLACK  # elsewhere a mask's border is no outline
+    misled = False
+    if steep.sum() > MOST * len(steep):
+        outward = np.mean(np.sum(edge * shape.outward, -1)[steep])
+        misled = abs(outward) < BLACK or (outward < -MOST and shape.cast < MINOR)
+    return float(shape.misfit**2 + curl**2 + away**2 + misled)

@@ -23,7 +23,6 @@ from ..core.words import Note
 from ..inverse.data.recording import developed
 from ..inverse.data.views import View, lights_on
 from ..inverse.fitting import check_scale
-from ..inverse.unknowns.light_priors import middle_of
 from ..io.scene_files import scene_document
 from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
@@ -108,7 +107,8 @@ def fit_texels(
         progress: Show a line of progress on the terminal.
 
     Returns:
-        The maps, their standard errors, and the status of each texel.
+        The maps, their standard errors, and the status of each texel. Where the lights are described in other axes, or
+        listed in another order, than the photographs, a note says so and no texel is determined.
 
     Raises:
         ValueError: An argument is wrong; the message names the view, pixel or parameter and the remedy.
@@ -167,7 +167,7 @@ def _fit(
     if "normal" not in free:
         return each.maps(None, ())
     lights = each.lights()
-    other = other_light_convention(scene, views, tiles.reader.sample(LEARNING_SAMPLE), middle_of(scene))
+    other = other_light_convention(scene, views, tiles.reader, each.typical_sample)
     notes = tuple(note for note in (note_on_normals(lights), other) if note is not None)
     for text in notes:
         _LOGGER.warning(text)  # before the work begins

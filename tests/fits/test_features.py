@@ -13,11 +13,12 @@ from synthetic import light_positions, seen_by, standard_scene
 import diffshade as ds
 from diffshade.core.backend import jit_quickly
 from diffshade.inverse.data.view_sets import ViewSet
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.forward.features import FeatureModel, features_can_serve
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.forward.rendered import RenderedModel
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import FitProblem, fit_problem, with_samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.solve.solvers import evaluate
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
@@ -58,7 +59,7 @@ class Case(NamedTuple):
         bounds = {name: BOUNDS[name] for name in self.bounds} if self.shared else None
         options = (self.free, self.tied, bounds, self.constraints)
         unknowns = find_unknowns(self.scene, self.views, *options, grey=bool(data.grey))
-        data = with_samples_for(self.scene, data, unknowns, self.clipped)
+        data = new_problem(self.scene, data, unknowns, self.loss, self.clipped).data
         problem = fit_problem(self.scene, data, unknowns, self.loss, rendered=rendered)
         return problem.with_scale(0.2 if self.loss != "squares" else 1.0, self.loss)
 
@@ -235,7 +236,7 @@ def test_the_fast_form_adds_up_what_the_generic_form_does_and_its_linear_unknown
     assert isinstance(generic.model, RenderedModel)
     assert fast.model.shared == fast.model.projects == case.shared
     box = [np.asarray(end) for end in (fast.box.lower, fast.box.upper)]
-    linear = np.array([u.is_linear for u in fast.unknowns])
+    linear = np.array([u.parameter.linear for u in fast.unknowns])
     chunks = fast.chunks()
     held, moved = 0, 0.0
     for seed in range(2):

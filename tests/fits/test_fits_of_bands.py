@@ -13,7 +13,7 @@ from refusals import refuses
 
 import diffshade as ds
 from diffshade.inverse.data.view_sets import ViewSet
-from diffshade.inverse.problem import fit_problem, with_samples_for
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
 
@@ -69,7 +69,7 @@ def test_derivatives_by_bands_are_those_by_each_unknown(steepest):
     true = scene(5, fresnel=ds.Schlick())
     data = ViewSet.of(true, [view(true)])
     unknowns = find_unknowns(true, data.views, ("k_d", "k_s", "n_s", "lights.0.position"))
-    problem = fit_problem(true, with_samples_for(true, data, unknowns, "hinge"), unknowns, "huber")
+    problem = new_problem(true, data, unknowns, "huber", "hinge")
     limits = None if steepest is None else np.full(len(unknowns), steepest)
     model = jax.tree.map(jnp.asarray, dataclasses.replace(problem.model, steepest=limits))
     dense = eqx.tree_at(lambda m: m.setting.of_bands, model, None)

@@ -15,7 +15,7 @@ from grams import by_view, whole
 import diffshade as ds
 from diffshade.core.fields import parameter
 from diffshade.inverse.data.view_sets import ViewSet
-from diffshade.inverse.problem import fit_problem, with_samples_for
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.solve.descent import box_step
 from diffshade.inverse.solve.elimination import Arrowhead, Dense, nothing
 from diffshade.inverse.solve.solvers import evaluate, linear_step, minimise
@@ -82,8 +82,7 @@ def problem_of(count: int, free: tuple[str, ...] = FREE, views: list[ds.View] | 
     scene, seen, _ = photographed(count)
     views = seen if views is None else views
     unknowns = find_unknowns(scene, views, free, light_error=2.0, from_scene=True)
-    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
-    return fit_problem(scene, data, unknowns, "squares")
+    return new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge")
 
 
 def test_the_directions_of_each_light_are_a_block_and_the_material_is_the_border():

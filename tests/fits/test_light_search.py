@@ -8,7 +8,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.inverse.data.view_sets import ViewSet
-from diffshade.inverse.problem import fit_problem, with_samples_for
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.solve.light_search import at_better_places
 from diffshade.inverse.solve.solvers import evaluate
 from diffshade.inverse.solve.start_search import groups_to_try
@@ -68,8 +68,7 @@ def test_lights_whose_narrow_highlights_lie_beside_the_photographs_are_found(n_s
 def laid_out(towards: np.ndarray, material: ds.Material = GLOSSY):
     scene, views = lit_from(towards, material), photographs(towards, material)
     unknowns = find_unknowns(scene, views, FREE, light_error=5.0, from_scene=True)
-    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
-    problem = fit_problem(scene, data, unknowns, "squares")
+    problem = new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge")
     theta = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
     return problem, theta, places_apart(unknowns, problem.box.arrow)
 
@@ -106,8 +105,7 @@ def test_a_search_does_not_go_from_light_to_light_where_each_has_its_own_views()
     towards = lights_about(12)
     scene, views = lit_from(towards), photographs(towards)
     unknowns = find_unknowns(scene, views, FREE)
-    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
-    problem = fit_problem(scene, data, unknowns, "squares")
+    problem = new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge")
     assert len(groups_to_try(unknowns, scene)) == 13
     assert len(groups_to_try(unknowns, scene, problem.box.arrow)) == 1
 

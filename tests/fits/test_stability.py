@@ -23,7 +23,9 @@ from diffshade.inverse.verdicts.stability import (
     highlight,
     how_far,
     left_out,
+    moved,
     moves,
+    refit,
     refits,
 )
 
@@ -97,17 +99,31 @@ def test_how_far_a_number_moved_is_over_its_value_or_in_its_logarithm():
 
 def test_of_the_model_itself_nothing_moves():
     done = refitted(noisy_fit())
-    assert [refit.without for refit in done] == [
+    assert [one.without for one in done] == [
         "the odd views",
         "the even views",
         "the brightest half of the highlight",
     ]
-    assert not any(refit.moved.any() for refit in done)
-    assert [refit.fit.counts.views for refit in done] == [4, 4, 8]
+    assert not any(one.moved.any() for one in done)
+    assert [one.fit.counts.views for one in done] == [4, 4, 8]
     assert done[2].fit.counts.pixels < noisy_fit().counts.pixels
-    for refit in done:
-        assert refit.fit.determined.all()
-        assert np.all(np.abs(refit.fit.values - noisy_fit().values) < 5 * refit.fit.plain_errors)
+    for one in done:
+        assert one.fit.determined.all()
+        assert np.all(np.abs(one.fit.values - noisy_fit().values) < 5 * one.fit.plain_errors)
+
+
+def test_what_moved_raises_the_cost_by_three_errors_squared():
+    fit = noisy_fit()
+    keep = [None, np.zeros(CAMERA.shape, bool)] * 4
+    with jax.enable_x64(True):
+        again = refit(fit, keep)
+        laid = fit.solved.keeping(keep).laid_out()
+        j = fit.names.index("k_d.r")
+        held, free = (laid.minimise(of, rtol=1e-8).point.total.cost for of in ({j: float(laid.theta[j])}, {}))
+        rise = 2.0 * float(held - free)  # by k_d.r as all photographs have it
+        for errors, expected in ((2.9, False), (3.1, True)):
+            of_one = np.full(len(fit.names), rise / errors**2)
+            assert moved(fit, np.zeros(len(fit.names)), of_one, again, keep)[j] == expected
 
 
 def test_of_photographs_without_noise_nothing_is_made_anew():

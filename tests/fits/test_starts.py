@@ -10,7 +10,7 @@ from synthetic import CAMERA, noisy, one_light_each, photographs, seen_by, stand
 
 import diffshade as ds
 from diffshade.inverse.data.view_sets import ViewSet
-from diffshade.inverse.problem import fit_problem, with_samples_for
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.solve import start_search
 from diffshade.inverse.solve.solvers import FAR, NEAR
 from diffshade.inverse.solve.start_search import (
@@ -79,8 +79,8 @@ def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(
         scene = standard_scene()
         views = one_light_each(photographs(scene, SMALL), SMALL, sensor=sensor)
         unknowns = find_unknowns(scene, views, ("k_d", "n_s"))
-        data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
-        _, damping = find_start(lay_out_part(fit_problem(scene, data, unknowns, "squares")))
+        problem = new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge")
+        _, damping = find_start(lay_out_part(problem))
     assert damping == (NEAR if near else FAR)
 
 

@@ -120,6 +120,9 @@ def test_a_view_that_alone_determines_something_is_found():
     H = np.array([np.diag([1.0, 0.0]), np.diag([1.0, 0.0]), np.diag([1.0, 1.0])])
     assert Jackknife(H, np.zeros((2, 2))).deciding() == 2
     assert Jackknife(H, np.eye(2)).deciding() is None
+    nearly = np.ones((3, 2, 2))
+    nearly[2] += 1e-10 * np.array([[1.0, -1.0], [-1.0, 1.0]])  # what it shows of the two apart is little, but enough
+    assert Jackknife(nearly, np.zeros((2, 2))).deciding() == 2
 
 
 def test_an_unknown_at_a_bound_adds_nothing_to_the_errors_of_the_others():

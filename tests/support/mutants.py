@@ -34,13 +34,13 @@ GROUPS = {
         "inverse/laid_out inverse/solving inverse/solved inverse/data/samples "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/start_search inverse/unknowns/constraints "
         "inverse/unknowns/names inverse/unknowns/parameters inverse/unknowns/ranges inverse/unknowns/slots "
-        "inverse/solving inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
+        "inverse/spreads inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
         "texels/region_exponents texels/geometry"
     ),
     "statistics": (
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
-        "inverse/misfit/explanations inverse/misfit/found inverse/misfit/regions inverse/misfit/scores "
-        "inverse/misfit/suspicions diagnosis/model_choice "
+        "inverse/misfit/explained inverse/misfit/found inverse/misfit/regions inverse/misfit/relevance "
+        "diagnosis/suspicions diagnosis/model_choice "
         "diagnosis/patches diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
         "diagnosis/shots inverse/verdicts/stability "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"

@@ -14,9 +14,10 @@ import diffshade as ds
 from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.data.views import is_grey
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import FitProblem, fit_problem, with_samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.unknowns.unknown import Unknown
 from diffshade.parallel.threads import on_all_cores
 
@@ -26,7 +27,7 @@ SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(10, 12))
 
 
 def problem_of(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown]) -> FitProblem:
-    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    data = new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge").data
     return fit_problem(scene, data, unknowns, "squares", rendered=True)
 
 

@@ -21,10 +21,11 @@ from synthetic import (
 
 import diffshade as ds
 from diffshade.inverse.data.view_sets import ViewSet
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.forward.gram import Gram, Point
 from diffshade.inverse.forward.interface import AbstractForwardModel
 from diffshade.inverse.pixels.blocks import Block
-from diffshade.inverse.problem import FitProblem, fit_problem, with_samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.solve.solvers import Minimum, minimise
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import Unknown, coordinates
@@ -55,7 +56,7 @@ def three_views(
     scene = standard_scene(material, point_lights(attenuation))
     views = one_light_each(noisy(photographs(scene), sigma, seed))[:3]
     unknowns = find_unknowns(scene, views, free, TIED, bounds)
-    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    data = new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge").data
     fast, generic = (fit_problem(scene, data, unknowns, "squares", rendered=form) for form in (rendered, True))
     chunks, (chunk,) = fast.chunks(), generic.chunks()
     squares = fast.sum_of_squares(chunks)

@@ -83,3 +83,8 @@ def test_axes_are_said_in_words():
     assert axes_in_words(np.diag([1.0, -1.0, -1.0])).endswith("with y and z negated")
     assert axes_in_words(np.eye(3)[[0, 2, 1]]).endswith("with y and z swapped")
     assert axes_in_words(np.eye(3)[[1, 2, 0]]).endswith("with x, y and z in the order yzx")
+
+
+def test_axes_of_which_one_is_right_are_said_in_one_sentence():
+    y, x = np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0])
+    assert axes_in_words(y, x).endswith("in other axes than the photographs, with y negated or with x negated")

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import diffshade as ds
-from tests.support import count_code
+from tests.support import count_code, mutants
 
 ROOT = Path(ds.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
@@ -38,7 +39,7 @@ LAYERS = (
     "inverse.forward",
     "inverse.solve",
     "inverse.statistics",
-    "inverse.problem inverse.laid_out inverse.solved",
+    "inverse.problem inverse.laid_out inverse.solved inverse.spreads",
     "inverse.solving",
     "inverse.result inverse.summary",
     "inverse.misfit",
@@ -194,6 +195,16 @@ def test_the_imports_are_found():
         if name.startswith("report")
         for found in imports(MODULES[name])
     )
+
+
+def test_the_guide_names_every_module_of_a_fit():
+    words = set(re.findall(r"\w+", (ROOT.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")))
+    rooms = ("inverse.", "texels.", "diagnosis.", "calibration.")
+    assert [name for name in MODULES if name.startswith(rooms) and not words.issuperset(name.split("."))] == []
+
+
+def test_faults_are_planted_in_modules_that_exist():
+    assert {name.replace("/", ".") for names in mutants.GROUPS.values() for name in names.split()} <= set(MODULES)
 
 
 def test_no_module_has_the_name_of_a_public_name():

@@ -517,6 +517,9 @@ def test_bands_come_back_from_the_pages_of_a_tiff_and_from_npy(tmp_path, name, b
     image = np.random.default_rng(0).uniform(0, 1, (5, 7, bands))
     write_image(tmp_path / name, image, bits=bits)
     np.testing.assert_allclose(read_image(tmp_path / name), image, rtol=0, atol=step)
+    if name == "a.tif" and (bands > 2 or bits != 8):
+        pages = check_tiff((tmp_path / name).read_bytes())
+        assert [page[259] for page in pages] == [(8,)] * bands  # deflate
 
 
 def test_pages_that_are_no_bands_are_refused(tmp_path):

@@ -22,10 +22,11 @@ import diffshade as ds
 from diffshade.inverse.data.samples import Samples, SensorRange, find_samples
 from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.data.views import is_grey
+from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.forward.features import FeatureModel
 from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
-from diffshade.inverse.problem import PART, fit_problem, with_samples_for
+from diffshade.inverse.problem import PART, fit_problem
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.io.lazy_images import LazyImage
 from diffshade.parallel.threads import on_all_cores
@@ -186,7 +187,7 @@ def test_a_view_that_leaves_nothing_to_fit_is_named_by_its_number(view, words):
     views = [ds.View(DARK, SMALL), view]
     unknowns = find_unknowns(BALL, views, ("k_d",))
     refuses(
-        lambda: with_samples_for(BALL, ViewSet.of(BALL, views), unknowns, "hinge"),
+        lambda: new_problem(BALL, ViewSet.of(BALL, views), unknowns, "squares", "hinge"),
         "views[1]: ",
         *words,
     )
@@ -218,12 +219,12 @@ def test_counts_add_up_over_views_of_all_kinds():
         ds.View(DARK, SMALL, mask=changed(np.zeros((10, 12), bool), at=SILHOUETTE, value=True)),
     ]
     unknowns = find_unknowns(BALL, views, ("k_d",))
-    data = with_samples_for(BALL, ViewSet.of(BALL, views), unknowns, "hinge")
+    data = new_problem(BALL, ViewSet.of(BALL, views), unknowns, "squares", "hinge").data
     samples, counts = data.samples, data.counts
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette + 1, 3, 0)
     assert counts.samples == (3 + 1 + 3) * silhouette + 3
     assert [len(s.pixels) for s in samples] == [silhouette] * 3 + [1]
-    data = with_samples_for(BALL, ViewSet.of(BALL, views), unknowns, "exclude")  # one pixel
+    data = new_problem(BALL, ViewSet.of(BALL, views), unknowns, "squares", "exclude").data  # one pixel
     samples, counts = data.samples, data.counts
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette, 0, 3)
     assert counts.samples == (3 + 1 + 3) * silhouette - 3 + 3
@@ -323,7 +324,8 @@ def test_a_part_of_the_pixels_is_spread_over_every_view_and_all_of_them_are_each
     mask[25:35, 25:35] = True
     picture = np.full((*large.shape, 3), 0.5)
     views = [ds.View(picture, large), ds.View(picture, large, mask=mask)]
-    data = with_samples_for(scene, ViewSet.of(scene, views), find_unknowns(scene, views, ("k_d",)), "hinge")
+    unknowns = find_unknowns(scene, views, ("k_d",))
+    data = new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge").data
     samples, counts = data.samples, data.counts
     everything = pieces(samples, 64)
     for view, s in enumerate(samples):
@@ -363,7 +365,7 @@ def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
     """Return a problem of views of a ball, and its samples."""
     scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight((0.1 * k, 0.2, -1)) for k in range(lights)])
     unknowns = find_unknowns(scene, views, (free,))
-    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    data = new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge").data
     return fit_problem(scene, data, unknowns, "squares", **options), data.samples
 
 

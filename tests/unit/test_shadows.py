@@ -123,6 +123,17 @@ def test_normals_between_those_of_the_vertices():
     assert len(n) > 200
 
 
+def test_a_ray_meets_the_nearest_triangle_of_a_mesh():
+    """A square behind half of another one."""
+    square = np.array([(-1.0, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+    vertices = np.concatenate([square * (0.5, 1, 1) - (0.5, 0, 0), square * (0.75, 1, 1) - (0.25, 0, 1)])
+    mesh = ds.Mesh(vertices, [(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)])
+    found = ds.intersect(ds.Scene(ds.Object(mesh)), ds.OrthographicCamera((0, 0, 4), shape=(8, 8), height=2.0))
+    assert np.asarray(found.mask).tolist() == [[True] * 6 + [False] * 2] * 8  # to x = 0.5
+    np.testing.assert_allclose(np.asarray(found.position)[:, :6, 2], [[0.0] * 4 + [-1.0] * 2] * 8, atol=1e-6)
+    np.testing.assert_allclose(np.asarray(found.normal)[:, :6], np.broadcast_to([0.0, 0, 1], (8, 6, 3)), atol=1e-6)
+
+
 def test_what_has_no_shadow_is_refused():
     camera = ds.OrthographicCamera((0, 0, 4), shape=(8, 8))
     buffer = ds.intersect(ds.Scene(ds.Object(ds.Sphere())), camera)

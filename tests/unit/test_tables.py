@@ -51,7 +51,7 @@ def test_a_number_beside_its_error():
 
 
 def test_what_is_not_determined_has_no_number():
-    columns = parameters(["k_d", "n_s"], [0.5, 30.0], [0.01, np.inf], [True, False])
+    columns = parameters(["k_d", "n_s"], np.array([0.5, 30.0]), np.array([0.01, np.inf]), np.array([True, False]))
     assert columns == {"parameter": ["k_d", "n_s"], "value": ["0.500", "not determined"], "error": ["0.010", ""]}
 
 

@@ -6,6 +6,7 @@ import pytest
 from textured import facing_us, lights_about, textured_ball
 
 from diffshade.core.progress import silent
+from diffshade.texels.estimates import _distance
 from diffshade.texels.light_directions import light_distribution, note_on_normals, out_of_plane
 from diffshade.texels.run import TexelRun
 from diffshade.texels.tile_runner import TileRunner
@@ -64,3 +65,10 @@ def test_lamps_on_a_line_in_space_lie_in_a_plane_with_every_texel_and_those_of_a
         tiles = TileRunner(scene, ball.views, "", silent, out=None, memory=1 << 28, mesh=None)
         run = TexelRun(scene, ball.views, ("k_d", "normal"), "squares", None, tiles)
         assert run.lights().coplanar == share
+
+
+def test_the_distance_of_two_normals_is_the_angle_between_them():
+    angle, about = np.radians(3.0), np.radians(40.0)
+    turned = np.array([np.sin(angle) * np.cos(about), np.sin(angle) * np.sin(about), np.cos(angle)])[:, None]
+    off = _distance({"normal": jnp.asarray(turned)}, {"normal": jnp.asarray([[0.0], [0.0], [1.0]])})
+    np.testing.assert_allclose(off["normal"], [[3.0]], rtol=1e-3)

@@ -117,14 +117,7 @@ class ViewSet:
         return [len(s.pixels) for s in self.samples]
 
     def sampled(
-        self,
-        scene: Scene,
-        clipped: str,
-        *,
-        unknowns: int,
-        moving: bool,
-        at_most: float = np.inf,
-        forecast: bool = False,
+        self, scene: Scene, clipped: str, unknowns: int, at_most: float, *, moving: bool, forecast: bool
     ) -> ViewSet:
         """Find the samples of every view; raise ValueError that names the view, or says that there are too few.
 

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...core.fields import Array, is_concrete
+from ...core.fields import Array
 from ...model.fresnel import NoFresnel
 from ...model.lights import AbstractLight
 from ...model.lobes import EXPONENT_RANGE, AbstractPowerLobe
@@ -38,12 +38,10 @@ from .lighting import (
     Lit,
     Seen,
     faded,
-    fields_at,
     fields_of_chunk,
     fields_seen_by_chunk,
     intensities_of,
     lit_by,
-    points_seen,
     seen_by_chunk,
     shaded,
 )
@@ -89,19 +87,15 @@ class FeatureModel(AbstractForwardModel):
 
     def seen(self, pixels: Pixels, view: Any, counts: Any) -> Seen:
         """Return the points that a chunk's pixels show."""
-        program = seen_by_chunk if is_concrete(view) else points_seen
-        return program(self.setting, pixels, view, counts)
+        return seen_by_chunk(self.setting, pixels, view, counts)
 
     def lit(self, seen: Seen, view: Any) -> Fields | Seen:
         """Return the fields of a chunk's points; the points themselves where a light moves."""
-        if any(self.placed):
-            return seen
-        program = fields_of_chunk if is_concrete(view) else fields_at
-        return program(self.setting, seen, view)
+        return seen if any(self.placed) else fields_of_chunk(self.setting, seen, view)
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return `lit` of `seen`, by one program where the lights are known, which does not store the points."""
-        if any(self.placed) or not is_concrete(view):
+        if any(self.placed):
             return super().fields(pixels, view, counts)
         return fields_seen_by_chunk(self.setting, pixels, view, counts)
 

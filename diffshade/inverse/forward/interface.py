@@ -74,13 +74,16 @@ class AbstractForwardModel(eqx.Module):
     def transparent(self) -> bool:
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
 
-    @abstractmethod
     def seen(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return the points that a chunk's pixels show, which are the same in all views of one camera."""
+        """Return the points that a chunk's pixels show, which are the same in all views of one camera.
 
-    @abstractmethod
+        By default these are the pixels, for a model that finds the points with each prediction.
+        """
+        return pixels
+
     def lit(self, seen: Any, view: Int[Array, " blocks"]) -> Any:
         """Return what `predict` needs to know of points: `Block.points`, which known lights are a part of."""
+        return seen
 
     def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
         """Return what `predict` needs to know of a chunk's pixels."""

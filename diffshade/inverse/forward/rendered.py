@@ -25,7 +25,7 @@ from ..unknowns.slots import Setup, apart, slots_of
 from ..unknowns.unknown import Unknown, free_places
 from ..unknowns.visibility import seeds_of, seeds_of_bands, shown_unknowns
 from .gram import ByView, Gram, directions_of
-from .interface import AbstractForwardModel, Pixels, Setting
+from .interface import AbstractForwardModel, Setting
 from .losses import Likelihood
 from .rounding import no_rounding
 
@@ -63,14 +63,6 @@ class RenderedModel(AbstractForwardModel):
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
         return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
-    def seen(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
-        """Return the pixels of a chunk themselves: what they show is found with each prediction."""
-        return pixels
-
-    def lit(self, seen: Pixels, view: Any) -> Pixels:
-        """Return the pixels again."""
-        return seen
-
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""
         setting, view = self.setting, block.view
@@ -85,21 +77,17 @@ class RenderedModel(AbstractForwardModel):
         projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
         row, column = block.points.row, block.points.column
         sensor = jax.tree.map(lambda leaf: leaf[view], setup.sensor)
-        if scene.width != 3:
-            bands = in_bands(lambda grey: self._seen(grey, projection, row, column, sensor), scene)
-            if sensor is None:
-                return tuple(setup.exposure[view] * band + setup.black[view] for band in bands)
-            v = falloff(sensor.vignetting, projection, setting.half_diagonal[view], row, column)
-            return tuple(sensor.respond(setup.exposure[view] * v * band + setup.black[view]) for band in bands)
-        seen = self._seen(scene, projection, row, column, sensor)
-        mean = (seen.x + seen.y + seen.z) / 3.0
-        grey = setting.grey[view] > 0
-        one = len(block.observed.target) == 1
-        channels = [mean] if one else [jnp.where(grey, mean, c) for c in (seen.x, seen.y, seen.z)]
+        grey, one = setting.grey[view] > 0, len(block.observed.target) == 1
+        if scene.width == 3:
+            seen = self._seen(scene, projection, row, column, sensor)
+            mean = (seen.x + seen.y + seen.z) / 3.0
+            channels = [mean] if one else [jnp.where(grey, mean, c) for c in (seen.x, seen.y, seen.z)]
+        else:
+            channels = [*in_bands(lambda grey: self._seen(grey, projection, row, column, sensor), scene)]
         if sensor is None:
             return tuple(setup.exposure[view] * channel + setup.black[view] for channel in channels)
         share = setup.exposure[view] * falloff(sensor.vignetting, projection, setting.half_diagonal[view], row, column)
-        gains = sensor.gains(grey | one)[: len(channels)]
+        gains = sensor.gains(grey | one)[: len(channels)] if scene.width == 3 else [1.0] * len(channels)
         return tuple(
             sensor.respond(gain * share * channel + setup.black[view])
             for gain, channel in zip(gains, channels, strict=True)

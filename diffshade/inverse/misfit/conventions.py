@@ -19,9 +19,8 @@ from ...core.words import listing
 from ...model.scenes import Scene
 from ..data.view_sets import ViewSet
 from ..pixels.blocks import BLOCK
-from ..problem import fit_problem
 from ..result import Fit
-from ..solving import solve
+from ..solving import solve_again
 from ..unknowns.places import Place
 from ..unknowns.unknown import free_places
 
@@ -63,18 +62,14 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
 
 
 def _cost(fit: Fit, scene: Scene, data: ViewSet) -> float:
-    start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
-    _, end = solve(fit_problem(scene, data, start, fit.likelihood.loss))
+    _, end = solve_again(fit.solved.problem, scene, data, fit.solved.theta)
     return float(end.point.total.cost)
 
 
 def _conventions(scene: Scene, data: ViewSet) -> Iterator[Convention]:
     """Yield the scene with its lights in other axes, and the views under other lights."""
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            axes = np.array(signs)[:, None] * np.eye(3)[list(order)]
-            if (axes != np.eye(3)).any():
-                yield axes_in_words(axes), _turned(scene, axes), data
+    for axes in other_axes():
+        yield axes_in_words(axes), _turned(scene, axes), data
     one_each = all(len(of) == 1 for of in data.lit) and len({*data.lit}) == len(data.lit)
     for words, order in orders(len(data.lit)) if one_each else ():
         yield words, scene, _lit_by(data, order)
@@ -102,14 +97,27 @@ def _turned(scene: Scene, axes: Float[np.ndarray, "3 3"]) -> Scene:
     return eqx.tree_at(lambda of: [place.value_in(of, ()) for place in places], scene, moved)
 
 
-def axes_in_words(axes: Float[np.ndarray, "3 3"]) -> str:
-    """Return the sentence on lights in axes that are swapped or negated."""
+def axes_in_words(*either: Float[np.ndarray, "3 3"]) -> str:
+    """Return the sentence on lights in axes that are swapped or negated; of several, in which is not known."""
+    ways = " or ".join(f"with {_moves_in_words(axes)}" for axes in either)
+    return f"the lights seem to be described in other axes than the photographs, {ways}"
+
+
+def _moves_in_words(axes: Float[np.ndarray, "3 3"]) -> str:
     order, names = np.abs(axes).argmax(1), "xyz"
     moved = [names[k] for k in range(3) if order[k] != k]
     negated = [names[k] for k in range(3) if axes[k, order[k]] < 0]
     swapped = f"{listing(moved)} {'swapped' if len(moved) == 2 else 'in the order ' + ''.join(names[k] for k in order)}"
-    parts = [*([swapped] if moved else []), *([f"{listing(negated)} negated"] if negated else [])]
-    return f"the lights seem to be described in other axes than the photographs, with {' and '.join(parts)}"
+    return " and ".join([*([swapped] if moved else []), *([f"{listing(negated)} negated"] if negated else [])])
+
+
+def other_axes() -> Iterator[Float[np.ndarray, "3 3"]]:
+    """Yield the axes that are swapped or negated."""
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            axes = np.array(signs)[:, None] * np.eye(3)[list(order)]
+            if (axes != np.eye(3)).any():
+                yield axes
 
 
 def orders(n: int) -> Iterator[tuple[str, list[int]]]:

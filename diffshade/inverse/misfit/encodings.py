@@ -15,9 +15,8 @@ from ...model.scenes import Scene
 from ..data.samples import Samples, SensorRange
 from ..forward.losses import LOSSES
 from ..pixels.blocks import MANY
-from ..problem import fit_problem
 from ..result import Fit
-from ..solving import solve
+from ..solving import solve_again
 from ..statistics.uncertainty import Vector
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
@@ -93,15 +92,14 @@ def _cost(tried: tuple[np.ndarray, Mended]) -> float:
 
 def _refitted(fit: Fit, scene: Scene, curve: Curve) -> Fit:
     """Return a fit with the scene and views that are found where the images go through a curve."""
-    data, loss = fit.solved.problem.data.part(MANY), fit.likelihood.loss
+    data = fit.solved.problem.data.part(MANY)
     samples = [_through(curve, s) for s in data.samples]
-    start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
     views = tuple(dataclasses.replace(view, noise=None) for view in fit.views)
     clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
     data = dataclasses.replace(data.with_samples(samples), views=views, clipped=clipped)
-    _, end = solve(fit_problem(scene, data, start, loss))
-    values = values_at(end.theta, start)
-    drawn, seen = put_back(scene, fit.views, start, values)
+    _, end = solve_again(fit.solved.problem, scene, data, fit.solved.theta)
+    values = values_at(end.theta, fit.unknowns)
+    drawn, seen = put_back(scene, fit.views, fit.unknowns, values)
     return dataclasses.replace(fit, solved=fit.solved.drawn_as(drawn, seen), values=values)
 
 

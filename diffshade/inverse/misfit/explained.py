@@ -80,6 +80,13 @@ class _Look:
         fit = self.directions.at.set_up.fit
         return self.directions.moves() / coordinate_slopes(fit.values, fit.unknowns)
 
+    def found(self, one: _Candidate, amount: Float[np.ndarray, " of"], gain: float) -> Found:
+        """Return a candidate as a fault of an amount that explains so much of the squares."""
+        fit, moves, case = self.directions.at.set_up.fit, self.moves[one.of], one.case
+        views = tuple(range(len(fit.views))) if case.views is None else case.views
+        moved = amount @ (moves if case.renamed is None else moves + case.renamed / one.size)
+        return Found(one.fault, fit, case.which, views, gain / self.evidence.squares, amount / one.size, moved)
+
 
 def explain(fit: Fit, squares: Mapping[int, float]) -> Explained:
     """Return what faults the residuals of a fit contain. In float64.
@@ -203,28 +210,19 @@ def _named(
 
 def _found(look: _Look) -> tuple[Found, ...]:
     """Return the faults to be named that matter; if none does, the first."""
-    fit, moves, found = look.directions.at.set_up.fit, look.moves, []
-    certain = [(k, np.array([one.size]), 0.0) for k, one in enumerate(look.candidates) if one.case.known]
-    for k, amount, gain in [*certain, *_named(look.of, look.evidence, look.candidates)]:
-        of = look.candidates[k]
-        views = tuple(range(len(fit.views))) if of.case.views is None else of.case.views
-        moved = amount @ (moves[of.of] if of.case.renamed is None else moves[of.of] + of.case.renamed / of.size)
-        share = gain / look.evidence.squares
-        found.append(Found(of.fault, fit, of.case.which, views, share, amount / of.size, moved))
-    return tuple([f for f in found if _matters(f)] or found[len(certain) :][:1])
+    certain = [look.found(one, np.array([one.size]), 0.0) for one in look.candidates if one.case.known]
+    of_rest = _named(look.of, look.evidence, look.candidates)
+    named = [look.found(look.candidates[k], amount, gain) for k, amount, gain in of_rest]
+    return tuple([f for f in (*certain, *named) if _matters(f)] or named[:1])
 
 
 def _like_gamma(look: _Look) -> tuple[Found, ...]:
     """Return the faults that a refit has to tell from a gamma, each with the amount that it has alone."""
-    fit, found = look.directions.at.set_up.fit, []
+    found = []
     for one in (one for one in look.candidates if one.fault.mended is not None):
         amount = inverse(look.evidence.information[np.ix_(one.of, one.of)]) @ look.evidence.score[one.of]
         if one.is_plausible(amount):
-            share = float(amount @ look.evidence.score[one.of]) / look.evidence.squares
-            views = tuple(range(len(fit.views)))
-            found.append(
-                Found(one.fault, fit, one.case.which, views, share, amount / one.size, amount @ look.moves[one.of])
-            )
+            found.append(look.found(one, amount, float(amount @ look.evidence.score[one.of])))
     return tuple(found)
 
 

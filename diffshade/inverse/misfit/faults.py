@@ -67,6 +67,7 @@ LOOK_AT_IT = (
     "Look for shadows, light from other things and patterns of the material; mask them out with View.mask, or add them "
     "to the scene."
 )
+VARIES = "changes across the object as no light of the scene makes it change"
 
 FAULTS = (
     Fault(
@@ -259,32 +260,10 @@ FAULTS = (
         plausible=(0.0, np.inf),
         beside=True,
     ),
+    Fault("uneven light", "the light " + VARIES, LOOK_AT_IT, changes.of_uneven_light, unnamed=True),
+    Fault("uneven view", "the light in {f.views_in_words} " + VARIES, LOOK_AT_IT, changes.of_uneven_view, unnamed=True),
+    Fault("colour", "a colour " + VARIES, LOOK_AT_IT, changes.of_colour, unnamed=True),
     Fault(
-        "uneven light",
-        "the light changes across the object as no light of the scene makes it change",
-        LOOK_AT_IT,
-        changes.of_uneven_light,
-        unnamed=True,
-    ),
-    Fault(
-        "uneven view",
-        "the light in {f.views_in_words} changes across the object as no light of the scene makes it change",
-        LOOK_AT_IT,
-        changes.of_uneven_view,
-        unnamed=True,
-    ),
-    Fault(
-        "colour",
-        "a colour changes across the object as no light of the scene makes it change",
-        LOOK_AT_IT,
-        changes.of_colour,
-        unnamed=True,
-    ),
-    Fault(
-        "stray light",
-        "there is light that the scene does not have",
-        LOOK_AT_IT,
-        changes.of_stray_light,
-        unnamed=True,
+        "stray light", "there is light that the scene does not have", LOOK_AT_IT, changes.of_stray_light, unnamed=True
     ),
 )

@@ -26,6 +26,7 @@ from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block
 from ..pixels.blocks import chunks as in_chunks
 from ..result import Fit
+from ..statistics.evidence import prior_gram
 from ..statistics.uncertainty import Matrix, Vector
 from .set_up import Corrected, SetUp
 
@@ -132,7 +133,7 @@ def linearise(set_up: SetUp, state: Corrected) -> Linearised:
     index = set_up.shown[set_up.view].T
     shown = index < len(theta)
     jacobian = sparse.csr_array((J[shown], (index[shown], np.nonzero(shown)[1])), shape=(len(theta), len(predicted)))
-    known = set_up.laid.prior_gram(state.theta)
+    known = prior_gram(state.theta, set_up.laid.task.priors)
     hessian, gradient = np.asarray(known.hessian), np.asarray(known.gradient)
     return Linearised(set_up, state, predicted, jacobian, slope, weight, int(np.sum(base > 0)), hessian, gradient)
 

@@ -1,8 +1,8 @@
-"""Descent: a Levenberg-Marquardt step on J^T J within bounds, as optimistix's parts."""
+"""Descent: a Levenberg-Marquardt step on J^T J within bounds, as optimistix's parts, and when steps are over."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,9 @@ from ...core import fields
 from ...core.thresholds import TINY
 from ..forward.gram import Point
 from .elimination import Symmetric
+
+PATIENCE = 6  # steps, rejected ones too
+STALLED = 1e-8  # of the cost, that as many steps together must keep on the way to a start
 
 
 class BoxNewton(optx.AbstractDescent):
@@ -135,7 +138,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
 
     optimistix's own keeps the whole Jacobian. The point may be elsewhere than where the function was asked: at better
     linear unknowns. Stops when the decrease that a Newton step predicts is below `rtol` of the cost (plus `atol`), or
-    when rounding leaves no step that lowers it.
+    when rounding leaves no step that lowers it; `stalls` is the rule of a caller that knows the costs so far.
     """
 
     descent: optx.AbstractDescent
@@ -188,7 +191,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
             point=point,
             search=search,
             descent=descent,
-            done=small | rounding | (rejected > 40) | (unseen > 3),
+            done=small | rounding | (rejected > 40) | (unseen > 3),  # no damping helps, or only rounding is left
             result=optx.RESULTS.where(finite, result, optx.RESULTS.nonfinite),
             rejected=rejected,
             unseen=unseen,
@@ -201,6 +204,14 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result) -> tuple[Array, Point, dict]:
         return y, state.point, {"steps": state.steps, "cost": state.cost}
+
+
+def stalls(costs: Sequence[float], least: float) -> bool:
+    """Whether `PATIENCE` steps together lowered the cost by less than `least` of it.
+
+    Where a pixel turns from lit to dark the cost has a kink, and steps that promise much keep little.
+    """
+    return len(costs) > PATIENCE + 1 and costs[-1 - PATIENCE] - costs[-1] < least * costs[-1]
 
 
 def _info(cost: Scalar, point: Point) -> Any:

@@ -56,11 +56,5 @@ def by_rising_exponent(
 def note_order(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
     """Say that interchangeable highlights are listed by rising n_s."""
     names = [tuple(unknowns[of[-1]].name for of in members) for members in interchangeable(scene, unknowns)]
-    return [
-        Note(
-            f"exchanging the highlights of {listing(list(of))} changes no image, so they are listed by rising n_s.",
-            "interchangeable",
-            of,
-        )
-        for of in names
-    ]
+    said = "exchanging the highlights of {} changes no image, so they are listed by rising n_s."
+    return [Note(said.format(listing(list(of))), "interchangeable", of) for of in names]

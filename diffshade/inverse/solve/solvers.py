@@ -21,10 +21,9 @@ from ..forward.gram import Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
-from .descent import BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
+from .descent import BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step, stalls
 from .elimination import Arrowhead, Dense, nothing
 
-PATIENCE = 6  # steps, rejected ones too
 # The damping of the first step: from anywhere, from values that somebody states (as Ceres' own first step has it), and
 # from what is nearly the minimum already.
 FAR, STATED, NEAR = 1e-3, 1e-4, 1e-8
@@ -229,8 +228,7 @@ def minimise(
     `damping` is that of the first step. From near the minimum the steps of Newton lead there in three passes; to come
     down from `FAR`, a third at a time, takes as many passes as the unknowns are hard to tell apart.
 
-    Ends as well where `PATIENCE` steps together lower the cost by less than `stalled` of it: where a pixel turns from
-    lit to dark the cost has a kink, and steps that promise much keep little.
+    Ends as well where it `stalls`: where several steps together lower the cost by less than `stalled` of it.
 
     This is `optimistix.minimise` step by step: a compiled program asks the solver for each step, and the passes between
     the steps run on all cores, which no traced loop can.
@@ -244,7 +242,7 @@ def minimise(
         theta, state, done, failed = _advance(theta, state, solver, point)
         costs.append(min(costs[-1], float(state.cost)))
         report_progress(step, costs[-1])
-        done = done or (step > PATIENCE and costs[-1 - PATIENCE] - costs[-1] < stalled * costs[-1])
+        done = done or stalls(costs, stalled)
         if done or step == max_steps:
             break
         point = evaluate(state.y_eval, task, chunks)

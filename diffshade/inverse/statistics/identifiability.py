@@ -41,9 +41,7 @@ def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray
     largest = lengths.max(initial=0.0)
     zero = lengths <= 1e-12 * largest if largest > 0 else np.ones(len(H), bool)
     live = np.flatnonzero(~zero)
-    if not len(live):
-        return zero, np.zeros((0, len(H)))
-    if regular_inverse(A[np.ix_(live, live)], SINGULAR**2) is not None:
+    if not len(live) or regular_inverse(A[np.ix_(live, live)], SINGULAR**2) is not None:
         return zero, np.zeros((0, len(H)))
     w, V = np.linalg.eigh(A[np.ix_(live, live)])
     basis = V[:, w < SINGULAR**2 * w[-1]].T

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from ...core.arrays import float64_of
-from ...model.lights import AbstractLight
 from ...model.scenes import Scene
 from .places import Place
 
@@ -30,20 +29,13 @@ def stated_errors(scene: Scene, light_error: ArrayLike | None, intensity_error: 
         middle = middle_of(scene)
         for i, error in enumerate(np.deg2rad(_of_each("light_error", light_error, scene, "1.0"))):
             light = scene.lights[i]
-            if name := _placed_by(light):
+            for name in light.placement[:1]:
                 far = 1.0 if name == "direction" else np.linalg.norm(np.asarray(getattr(light, name)) - middle)
                 found[Place("lights", i, (name,))] = float(error * far)
     if intensity_error is not None:
         for i, error in enumerate(_of_each("intensity_error", intensity_error, scene, "0.05")):
             found[Place("lights", i, ("intensity",))] = float(error)
     return found
-
-
-def _placed_by(light: AbstractLight) -> str:
-    """Return the name of what says where a light is: its position, or its direction if it is at infinity, or ""."""
-    if hasattr(light, "position"):
-        return "position"
-    return "direction" if hasattr(light, "direction") and not light.is_local else ""
 
 
 def _of_each(name: str, errors: ArrayLike, scene: Scene, example: str) -> Float[np.ndarray, " lights"]:

@@ -50,11 +50,6 @@ class Unknown(Named):
     """Mean and standard deviation, in the solver's coordinates, of what is known of it beforehand."""
 
     @property
-    def is_linear(self) -> bool:
-        """Whether the image is linear in it."""
-        return self.parameter.linear
-
-    @property
     def logarithmic(self) -> bool:
         """Whether it is solved for as its logarithm."""
         return self.parameter.logarithmic

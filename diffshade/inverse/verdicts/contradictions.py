@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool
@@ -17,19 +17,13 @@ from ..statistics.uncertainty import Matrix, Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
 
-@dataclass(frozen=True, eq=False)
-class Pulls:
-    """The values that the images give without each prior; NaN without a prior, or if the images say nothing."""
+def pulls(
+    total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: float, variance: Vector
+) -> tuple[Vector, Vector]:
+    """Return the values that the images give without each prior, to first order, and how far each prior pulls them.
 
-    without: Vector
-    """The value without this prior, in the solver's coordinates, such as log n_s."""
-    errors: Vector
-    pull: Vector
-    """The distance of `without` from the prior's mean, over the standard deviation of the difference."""
-
-
-def pulls(total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: float, variance: Vector) -> Pulls:
-    """Return what the images say without each prior, to first order.
+    They are in the solver's coordinates. A pull is the distance of a value from its prior's mean, over the standard
+    deviation of the difference. Both are NaN without a prior, or if the images say nothing.
 
     `total` is the Gram of images and priors at the optimum theta. A prior has a `mean` and a `width` (NaN: none), and
     the weight (sigma / width)^2 in `total`. `variance` holds for each unknown the factor of total^-1.
@@ -41,7 +35,7 @@ def pulls(total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: floa
     safe = np.where(tells, left, 1.0)
     without = np.where(tells, mean + (theta - mean) / safe, np.nan)
     errors = np.where(tells, np.sqrt(variance * np.diag(C) / safe), np.nan)
-    return Pulls(without, errors, (without - mean) / np.sqrt(width**2 + errors**2))
+    return without, (without - mean) / np.sqrt(width**2 + errors**2)
 
 
 def check_priors(fit: Fit, _: ReportProgress = silent) -> Fit:
@@ -55,8 +49,8 @@ def check_priors(fit: Fit, _: ReportProgress = silent) -> Fit:
     total = evidence.total[np.ix_(free, free)] / np.outer(slope, slope)
     variance = evidence.sigma2 * fit.clusters.inflation()[free]
     sigma = float(fit.likelihood.sigma)
-    of_images = pulls(total, theta, priors[:, 0], priors[:, 1], sigma, variance)
-    against = np.nan_to_num(np.abs(of_images.pull)) > OUTLIER
+    without, pull = pulls(total, theta, priors[:, 0], priors[:, 1], sigma, variance)
+    against = np.nan_to_num(np.abs(pull)) > OUTLIER
     if not against.any():
         return fit
     weight = np.where(against, (sigma / np.where(against, priors[:, 1], 1.0)) ** 2, 0.0)
@@ -66,7 +60,7 @@ def check_priors(fit: Fit, _: ReportProgress = silent) -> Fit:
     zero, directions = null_directions(total - np.diag(weight))
     moved[free[zero | directions.any(0)]] = np.inf  # without these priors nothing is known of it
     corrupted = fit.determined & (np.abs(moved) > GAUSS_95 * fit.errors)
-    notes = [_said(fit, free[here], of_images, here, moved, corrupted) for here in _by_quantity(fit, free, against)]
+    notes = [_said(fit, free[here], without[here], pull[here], corrupted) for here in _by_quantity(fit, free, against)]
     return replace(fit, determined=fit.determined & ~corrupted, notes=(*notes, *fit.notes))
 
 
@@ -79,22 +73,19 @@ def _by_quantity(fit: Fit, free: np.ndarray, against: Bool[np.ndarray, " q"]) ->
     ]
 
 
-def _said(
-    fit: Fit, which: np.ndarray, of_images: Pulls, here: np.ndarray, moved: Vector, corrupted: Bool[np.ndarray, " p"]
-) -> Note:
+def _said(fit: Fit, which: np.ndarray, without: Vector, pull: Vector, corrupted: Bool[np.ndarray, " p"]) -> Note:
     """Return a note on the channel where a prior and the images differ most: both values, and the remedy."""
-    worst = int(np.argmax(np.abs(of_images.pull[here])))
-    j, k = int(which[worst]), int(here[worst])
-    unknown = fit.unknowns[j]
+    k = int(np.argmax(np.abs(pull)))
+    unknown = fit.unknowns[int(which[k])]
     assert unknown.prior is not None
-    mean, without = (np.exp(x) if logarithms([unknown])[0] else x for x in (unknown.prior[0], of_images.without[k]))
+    mean, other = (np.exp(x) if logarithms([unknown])[0] else x for x in (unknown.prior[0], without[k]))
     names = [name for name, it in zip(fit.names, corrupted, strict=True) if it]
     instead = f" Until then {listing(names)} {'is' if len(names) == 1 else 'are'} not determined." if names else ""
     others = any(u.prior is not None and u.quantity != unknown.quantity for u in fit.unknowns)
     rest, by = ("the images and the other priors",) * 2 if others else ("the images", "the images alone")
     text = (
         f"the prior of {unknown.quantity} contradicts {rest}: {unknown.name} is {mean:.4g} by the prior and "
-        f"{without:.4g} by {by}, {abs(of_images.pull[k]):.2g} standard deviations apart. Correct or widen the prior, "
+        f"{other:.4g} by {by}, {abs(pull[k]):.2g} standard deviations apart. Correct or widen the prior, "
         f"or check what the scene takes as known.{instead}"
     )
     return Note(text, "prior", (unknown.quantity,))

@@ -75,12 +75,9 @@ def _notes(fit: Fit, from_lights: np.ndarray, shift: np.ndarray) -> list[Note]:
     most = f": most of those of {listing(large)}" if large else ""
     found = [Note(f"the errors hold the stated errors of the lights, which are not fitted{most}.", "lights", large)]
     if moved := named(np.abs(shift) > np.maximum(fit.plain_errors, 0.5 * from_lights)):
-        found.append(
-            Note(
-                f"lights that are off by their stated errors change {listing(moved)} to one side, and may have done so "
-                "here. Free the directions, which then have these errors.",
-                "lights",
-                moved,
-            )
+        text = (
+            f"lights that are off by their stated errors change {listing(moved)} to one side, and may have done so "
+            "here. Free the directions, which then have these errors."
         )
+        found.append(Note(text, "lights", moved))
     return found

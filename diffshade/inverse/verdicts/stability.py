@@ -20,9 +20,8 @@ from ...model.scenes import Scene
 from ..data.view_sets import Masks
 from ..data.views import View, lights_on
 from ..forward.gram import Point
-from ..problem import fit_problem
 from ..result import Fit
-from ..solving import solve
+from ..solving import solve_again
 from ..statistics.clusters import Clusters
 from ..statistics.identifiability import VAGUE, relative_errors, vague
 from ..statistics.uncertainty import Vector, inverse
@@ -138,9 +137,8 @@ def refit(fit: Fit, keep: Masks) -> Fit:
 
     An unknown that none of the pixels shows is not determined.
     """
-    unknowns = [replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
-    kept = fit.solved.problem.data.keeping(keep)
-    return summarise(*solve(fit_problem(fit.scene, kept, unknowns, fit.likelihood.loss)))
+    problem = fit.solved.problem
+    return summarise(*solve_again(problem, fit.scene, problem.data.keeping(keep), fit.solved.theta))
 
 
 def moves(fit: Fit, again: Iterable[FitWithout]) -> tuple[Vector, Bool[np.ndarray, " p"]]:

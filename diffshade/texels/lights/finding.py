@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -34,6 +35,7 @@ from .found import FoundLights, notes_on
 from .refining import LOOSE, LightEstimates, Refined, Stated, refine
 from .uncalibrated import find_uncalibrated
 
+_LOGGER = logging.getLogger("diffshade")
 FREE = ("k_d", "k_s", "n_s", "normal")
 
 
@@ -67,7 +69,8 @@ def find_lights(
         progress: Show a line of progress on the terminal.
 
     Returns:
-        The lights with their errors, and what cannot be known of them.
+        The lights with their errors, and what cannot be known of them. Directions that are described in other axes, or
+        listed in another order, than the photographs are returned as they are, with infinite errors and a note.
 
     Raises:
         ValueError: An argument is wrong, or the lights are too few or in one plane; the message has the remedy.
@@ -92,9 +95,12 @@ def find_lights(
         with contextlib.closing(tiles):
             sample = tiles.reader.sample(LEARNING_SAMPLE)
             check_anything_left(np.ones(len(sample.pixels)))
-            begin, other = given, None
+            begin = given
             if error is not None:
-                other = other_light_convention(scene, views, sample, middle)
+                other = other_light_convention(scene, views, tiles.reader, sample)
+                if other is not None:
+                    _LOGGER.warning(other)
+                    return _unmoved(scene, used, light_of, given, middle, other)
             else:
                 begin = LightEstimates(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
             placed = _with(scene, used, begin, middle)
@@ -111,8 +117,7 @@ def find_lights(
             found = refine(
                 lambda lamps: _with(scene, used, lamps, middle), views, run, sample, index, stated, report_progress
             )
-        result = _result(scene, found, used, light_of, given, stated, middle, known=error is not None)
-        return result if other is None else _unknown(result, other)
+        return _result(scene, found, used, light_of, given, stated, middle, known=error is not None)
 
 
 def _result(
@@ -164,10 +169,19 @@ def _result(
     )
 
 
-def _unknown(result: FoundLights, other: Note) -> FoundLights:
-    """Return lights whose errors are not known, since they are described otherwise than the photographs."""
-    nothing = np.full_like(result.errors, np.inf)
-    return replace(result, errors=nothing, own_errors=nothing, notes=(other, *result.notes))
+def _unmoved(
+    scene: Scene,
+    used: Int[np.ndarray, " used"],
+    light_of: Int[np.ndarray, " views"],
+    given: LightEstimates,
+    middle: Float[np.ndarray, "3"],
+    other: Note,
+) -> FoundLights:
+    """Return the lights as they were given, with nothing known of them: they are described otherwise than the views."""
+    unknown = np.full((len(used), 3, 3), np.inf)
+    stated = Stated(given.directions, np.full(len(used), np.inf), np.full(len(used), np.inf))
+    kept = Refined(given, unknown, unknown, np.nan, settled=True)
+    return replace(_result(scene, kept, used, light_of, given, stated, middle, known=True), notes=(other,))
 
 
 def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:

@@ -36,7 +36,7 @@ class FoundLights:
     light_of: Int[np.ndarray, " views"]
     """The light that is on in each view."""
     misfit: float
-    """Typical residual of a texel, relative to its brightness."""
+    """Typical residual of a texel, relative to its brightness; NaN where the lights stay as they were given."""
     settled: bool
     """Whether the lights stayed where they were at the end."""
     notes: tuple[Note, ...]
@@ -67,8 +67,10 @@ class FoundLights:
         }
         title = (
             f"{count(len(used), 'light')}, moved by {np.median(self.moved[used]):.2f} degrees in the median and by "
-            f"{self.moved[used].max():.2f} at most; the misfit of a texel is {100 * self.misfit:.2g} %"
+            f"{self.moved[used].max():.2f} at most"
         )
+        if not np.isnan(self.misfit):
+            title += f"; the misfit of a texel is {100 * self.misfit:.2g} %"
         rest = len(used) - len(shown)
         return as_text(
             title, columns, *([f"and {count(rest, 'light')} that moved less"] * (rest > 0)), notes=self.notes

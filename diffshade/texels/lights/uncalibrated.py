@@ -109,14 +109,11 @@ def _surface(
         inside[row - first, column] = True
         b = np.zeros((*inside.shape, 3))
         y, counts = _grey(tile, views, strength)
-        b[row - first, column] = _texels(y, counts, s)
-        share = np.maximum(gaussian_filter(inside.astype(float), SIGMA), 1e-9)
-        b = np.stack([gaussian_filter(b[..., k], SIGMA) for k in range(3)], -1) / share[..., None]
-        whole = inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:]
-        here, right, below = b[:-1, :-1], b[:-1, 1:], b[1:, :-1]
+        b[row - first, column] = pseudo_normals(y, counts, s)
+        *of, whole = slopes(inside, b)
         r, c = np.nonzero(whole)
         place = np.stack([c, -(r + first)], -1).astype(float)
-        parts.append(((here + right + below)[whole] / 3.0, (right - here)[whole], (here - below)[whole], place))
+        parts.append((*of, place))
     if not sum(len(part[0]) for part in parts):
         raise ValueError("the object has no texel with neighbours. Give photographs of more pixels, or the directions.")
     b, by_x, by_y, place = (np.concatenate(of) for of in zip(*parts, strict=True))
@@ -124,7 +121,20 @@ def _surface(
     return PseudoNormals(b[some], by_x[some], by_y[some], place[some] - place.mean(0))
 
 
-def _texels(y: np.ndarray, counts: np.ndarray, s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "texels 3"]:
+def slopes(
+    inside: Bool[np.ndarray, "h w"], b: Float[np.ndarray, "h w 3"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Bool[np.ndarray, "g v"]]:
+    """Return b without its noise, its slopes along x and upwards, and where they are: with neighbours inside."""
+    share = np.maximum(gaussian_filter(inside.astype(float), SIGMA), 1e-9)
+    b = np.stack([gaussian_filter(b[..., k], SIGMA) for k in range(3)], -1) / share[..., None]
+    whole = inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:]
+    here, right, below = b[:-1, :-1], b[:-1, 1:], b[1:, :-1]
+    return (here + right + below)[whole] / 3.0, (right - here)[whole], (here - below)[whole], whole
+
+
+def pseudo_normals(
+    y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"], s: Float[np.ndarray, "views 3"]
+) -> Float[np.ndarray, "texels 3"]:
     """Return b of texels whose lights are known, under Cauchy's loss."""
     used = middle_ranks(y, counts)
     level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), 1e-12)
