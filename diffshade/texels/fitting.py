@@ -30,7 +30,8 @@ from .checks import UnsuitedLights, check_anything_left, checked, checked_light_
 from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .maps import FORMAT, TexelMaps
-from .robust.choice import FEWEST_VIEWS, own_exponents_predict_better
+from .robust.calibration import GROUPS
+from .robust.choice import own_exponents_predict_better
 from .robust.run import RobustRun
 from .run import TexelRun
 from .status import DETERMINED, NO_HIGHLIGHT, UNDETERMINED
@@ -177,7 +178,7 @@ def _fit(
             "light_error needs white or coloured lights of all three channels that leave one plane, so that all texels "
             "can share a highlight; these do not. Leave light_error out."
         )
-    few = len(views) < FEWEST_VIEWS and light_error is None
+    few = len(views) < GROUPS and light_error is None
     if set(free) != SHARED or loss == "squares" or unsuited or few:
         return each.maps(lights, notes)
     run = RobustRun(

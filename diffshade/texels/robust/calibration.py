@@ -22,7 +22,7 @@ from ..maps import NORMAL_95
 from .learning import MIN_SAMPLES
 
 TRUST_IN_GAUSSIAN = 0.15  # in the logarithm of its ratio, NORMAL_95: the rarest errors of a sample are rough
-GROUPS = 6  # groups of few views
+GROUPS = 6  # of few views, one of which is left out: with six photographs, one at a time
 FEW_VIEWS = 24  # views from which halves are fitted; below, thirds are left out
 
 

@@ -25,15 +25,13 @@ from ..blocks import TexelBlock
 from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
+from .calibration import GROUPS
 from .learning import ObjectModel, every_assumption, first_model, learned
 from .observations import BlockObservations, observe
 from .robust_descent import DescentState
-from .texel_work import TexelWork
+from .texel_work import BLOCK, TexelWork
 
-SAMPLE = 1024  # texels: one call of a compiled program
-FOLDS = 6  # groups of views, each left out of the fits of as many texels
-FIRST_ROUNDS, ROUNDS = 4, 2  # of learning, at first and under each other assumption
-FEWEST_VIEWS = 6  # from which groups of them can be left out
+FIRST_ROUNDS, ROUNDS = 4, 3  # of learning: from nothing, and from what was learned otherwise
 MATTE_NOTE = Note(
     "photographs that were left out are predicted no better with a highlight: the object is taken to be matte.", "matte"
 )
@@ -52,7 +50,7 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     few, model = fewer(sample), first_model(work.loss, every_assumption()[0])
     for _ in range(FIRST_ROUNDS):
         model = learned(model, work.sample_at_minimum(few, model))
-    if len(sample.counts) < FEWEST_VIEWS:
+    if len(sample.counts) < GROUPS:
         return model
     tried = []
     for k, assumed in enumerate(every_assumption()):
@@ -125,13 +123,13 @@ def clearly_better(errors: Float[np.ndarray, " views"], others: Float[np.ndarray
 
 def fewer(sample: TexelTile) -> TexelTile:
     """Return some texels of a sample."""
-    return sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, SAMPLE).astype(int)))
+    return sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, BLOCK).astype(int)))
 
 
 def views_seen(sample: TexelTile) -> Bool[np.ndarray, "views texels"]:
     """Return by which views each texel is fitted: one group is left out, another one for the next texel."""
     views, texels = sample.counts.shape
-    return np.arange(views)[:, None] % FOLDS != np.arange(texels) % FOLDS
+    return np.arange(views)[:, None] % GROUPS != np.arange(texels) % GROUPS
 
 
 def _mean_of_views(

@@ -17,7 +17,7 @@ from scipy.optimize import nnls
 
 from ...core.fields import Array
 from ...core.robust_scale import MAD
-from ...core.thresholds import MINOR, MOST, SMALL
+from ...core.thresholds import MINOR, MOST, NEGLIGIBLE, SMALL
 from ..status import ROUNDING
 from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
 from .observations import BlockObservations
@@ -27,7 +27,6 @@ SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of rea
 FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
 MIN_SAMPLES = 30  # observations, or texels, from which a median or a quantile is taken
 NO_OUTLIERS = 30.0  # factor of the scale at which a robust loss is squares for all residuals that occur
-MATTE = 1e-4  # k_s of the brightest highlights of what is matte
 RIDGE = 1e-4  # added to curvatures: of a texel of level 1, and of the weights of the shape relative to their mean
 
 
@@ -66,7 +65,7 @@ class ObjectModel(eqx.Module):
     def weighing(self, level: Float[Array, " texels"]) -> Weighing:
         """Return what the residuals and k_s of texels of these levels are measured by."""
         scale = SHARPNESS * jnp.hypot(self.relative_misfit, self.absolute_misfit / level)
-        brightest = jnp.where(self.assumed.glossy, self.softness * SHARPNESS * self.brightest, MATTE)
+        brightest = jnp.where(self.assumed.glossy, self.softness * SHARPNESS * self.brightest, NEGLIGIBLE)
         return Weighing(self.softness * scale, (level / brightest) ** 2, self.loss)
 
     @property

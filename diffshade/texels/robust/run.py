@@ -33,7 +33,7 @@ from .block_fits import (
     seen_by,
     shown_by,
 )
-from .choice import MATTE_NOTE, best_model
+from .choice import FIRST_ROUNDS, MATTE_NOTE, ROUNDS, best_model
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, note_on_lobe
 from .learning import ObjectModel, first_model, learned
@@ -41,7 +41,6 @@ from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_
 from .stated_errors import COLUMNS, SpreadColumns, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
-FIRST_ROUNDS, ROUNDS = 4, 3  # with another lobe on a part of the sample, then with the better one on all of it
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
 # Matusik 2005).
 MAX_MISFIT_RATIO = 0.85
