@@ -30,6 +30,7 @@ from .checks import UnsuitedLights, check_anything_left, checked, checked_light_
 from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .maps import FORMAT, TexelMaps
+from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
 from .robust.run import RobustRun
 from .run import TexelRun
@@ -171,13 +172,14 @@ def _fit(
     notes = tuple(note for note in (note_on_normals(lights), other) if note is not None)
     for text in notes:
         _LOGGER.warning(text)  # before the work begins
-    unsuited = lights.narrow or lights.coplanar > MOST or _lacks_a_channel(scene, views)
+    unsuited = lights.coplanar > MOST or _lacks_a_channel(scene, views)
     if unsuited and light_error is not None:
         raise UnsuitedLights(
             "light_error needs white or coloured lights of all three channels that leave one plane, so that all texels "
             "can share a highlight; these do not. Leave light_error out."
         )
-    if set(free) != SHARED or loss == "squares" or unsuited:
+    few = len(views) < GROUPS and light_error is None
+    if set(free) != SHARED or loss == "squares" or unsuited or few:
         return each.maps(lights, notes)
     run = RobustRun(
         each.setup, each.known, loss or "cauchy", regions, tiles, neighbours=neighbours, light_error=light_error
@@ -185,7 +187,7 @@ def _fit(
     sample = tiles.reader.sample(LEARNING_SAMPLE)
     check_anything_left(np.ones(len(sample.pixels)))
     models = run.learn(sample)
-    if light_error is None and own_exponents_predict_better(run, models, sample, each.setup.lobe, each.estimates):
+    if light_error is None and own_exponents_predict_better(run, models[0], sample, each.setup.lobe, each.estimates):
         return each.maps(lights, notes)
     return run.maps(models, sample, notes)
 

@@ -20,7 +20,7 @@ from diffshade.texels.robust.calibration import calibrated, division_of
 from diffshade.texels.robust.candidates import hemisphere
 from diffshade.texels.robust.disagreement import CELLS, disagreements
 from diffshade.texels.robust.highlight_shape import EXPONENTS, HighlightShape, shape_of
-from diffshade.texels.robust.learning import first_model
+from diffshade.texels.robust.learning import every_assumption, first_model
 from diffshade.texels.robust.neighbours import geometric_median, scatter_of
 from diffshade.texels.robust.observations import BlockObservations, Lights
 from diffshade.texels.robust.robust_descent import around, system
@@ -249,7 +249,7 @@ def test_the_albedo_of_a_highlight_is_that_of_its_lobe(power):
 
 
 def test_spreads_add_what_misfits_show_and_do_not_show():
-    one = SpreadColumns(*(np.array([x]) for x in (0.3, 0.2, 0.4, 0.0, 0.0, 0.0)))
+    one = SpreadColumns(*(np.array([x]) for x in (0.3, 0.2, 0.4, 0.0, 0.0, 0.0, 0.0)))
     assert one.of_normal(0.2) == pytest.approx(0.5)  # hypot(.3, .4) where the scatter is typical
     assert one.of_normal(0.4) == pytest.approx(np.hypot(0.15, 0.4))
     assert one.stacked().shape == (1, COLUMNS)
@@ -265,7 +265,7 @@ def test_bounced_light_turns_normals_as_far_as_is_said():
     toward_us = Vec3(*(jnp.full((1, 1, 1), c, jnp.float32) for c in (0.0, 0.0, 1.0)))
     lights = Lights(each, jnp.ones((30, 1, 1), jnp.float32), toward_us, ds.Blinn())
     seen = jnp.ones(shade.shape, bool)
-    model = first_model("squares")
+    model = first_model("squares", every_assumption()[0])
     model = eqx.tree_at(lambda m: m.bounced, model, np.asarray(size, np.float32))
 
     def at_minimum(y):
@@ -317,7 +317,7 @@ def test_halves_of_lights_give_the_size_of_errors():
     assert (left == ~right).all()
     assert set(np.flatnonzero(left)) in (set(range(15)), set(range(15, 30)))
     assert (by_height[0] == ~by_height[1]).all()
-    assert len(division_of(lights[:12]).parts) == division_of(lights[:12]).first == 3
+    assert len(division_of(lights[:12]).parts) == division_of(lights[:12]).first == 6
     assert np.isinf(calibrated(np.zeros((4, 5)), np.ones(5), np.ones((4, 5)), division).errors)
 
 

@@ -64,7 +64,7 @@ def responses(
         block: The texels.
         model: What the texels have in common.
     """
-    observed, *tilted = (observe(setup, known, block) for setup in setups)
+    observed, *tilted = (observe(setup, known, block, model.assumed.dark_is_shadow) for setup in setups)
     return _responses(observed, tilted, model, lowest_state(observed, model))
 
 

@@ -24,7 +24,7 @@ from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
 from .candidates import lowest_minima, weighted_coefficients
 from .highlight_shape import HighlightShape
-from .learning import RIDGE, ObjectModel
+from .learning import RIDGE, SHARPNESS, ObjectModel
 from .observations import BlockObservations, Lights, observe, reflectances
 from .robust_descent import DescentState, Local, Weighing, around, begin, descend, lowest, system
 
@@ -47,6 +47,8 @@ class Normals(NamedTuple):
     """By how much bounced light turns the normal, radians, if it is as bright as where no light should be."""
     brighter: Float[Array, " texels"]
     """Share of the observations that are brighter than the model and believed less than half, with one more of them."""
+    by_choice: Float[Array, " texels"]
+    """How far the normal is from the next lowest minimum's, radians, as far as that may be the right one."""
 
 
 class BlockCoefficients(NamedTuple):
@@ -65,9 +67,14 @@ class BlockCoefficients(NamedTuple):
     """What is kept of what the views show beyond the model, as a reflectance."""
 
 
-@jax.jit
 def lowest_state(observed: BlockObservations, model: ObjectModel) -> DescentState:
     """Return the lowest minimum of each texel."""
+    return jax.tree.map(lambda leaf: leaf[0], lowest_two(observed, model))
+
+
+@jax.jit
+def lowest_two(observed: BlockObservations, model: ObjectModel) -> DescentState:
+    """Return the two lowest minima of each texel, the lowest first; both are the same where there is one."""
     weighing = model.weighing(observed.level)
     n = lowest_minima(observed, model.shape, weighing.ridge * weighing.scale**2)
 
@@ -78,7 +85,7 @@ def lowest_state(observed: BlockObservations, model: ObjectModel) -> DescentStat
         return descend(observed, model.shape, weighing, state, MORE_STEPS)
 
     few = lowest(jax.vmap(from_start)(n), FEW_STARTS)
-    return jax.tree.map(lambda leaf: leaf[0], lowest(jax.vmap(further)(few), 1))
+    return lowest(jax.vmap(further)(few), FEW_STARTS)
 
 
 def normals_of(
@@ -97,8 +104,8 @@ def normals_of(
         model: What the object's texels have in common.
         light_error: A root of the covariance of the direction to each view's lights.
     """
-    observed = observe(setup, known, block)
-    return _with_spread(setup, block, observed, model, lowest_state(observed, model), light_error)
+    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
+    return _with_spread(setup, block, observed, model, lowest_two(observed, model), light_error)
 
 
 @jax.jit
@@ -107,10 +114,11 @@ def _with_spread(
     block: TexelBlock,
     observed: BlockObservations,
     model: ObjectModel,
-    state: DescentState,
+    both: DescentState,
     light_error: Float[Array, "views 3 3"] | None,
 ) -> Normals:
-    """Return the normals of a block at their minimum, and what their errors follow from."""
+    """Return the normals of a block at their lowest minima, and what their errors follow from."""
+    state, other = (jax.tree.map(lambda leaf, i=i: leaf[i], both) for i in range(2))
     weighing = model.weighing(observed.level)
     here = around(observed, model.shape, weighing, state)
     A = system(observed, model.shape, weighing, state).A
@@ -139,7 +147,16 @@ def _with_spread(
     n = jnp.stack([state.n.x, state.n.y, state.n.z])
     lit = jnp.sum(reached, 0, dtype=jnp.float32)
     turned_by = by_bounce(observed, model, state, A, here)
-    return Normals(n, spread, by_lights, lit, out_of_plane(S), turned_by, _brighter(observed, here))
+    return Normals(
+        n,
+        spread,
+        by_lights,
+        lit,
+        out_of_plane(S),
+        turned_by,
+        _brighter(observed, here),
+        _by_choice(model, state, other),
+    )
 
 
 def by_bounce(
@@ -153,6 +170,18 @@ def by_bounce(
     bounced = model.bounced * reflected[None] * observed.lights.facing_camera()
     turn = solve(A, [jnp.sum(here.weight * column * bounced, 0) for column in here.J])
     return jnp.sqrt(turn[0] ** 2 + turn[1] ** 2)
+
+
+def _by_choice(model: ObjectModel, state: DescentState, other: DescentState) -> Float[Array, " texels"]:
+    """Return the root mean square of how far the normal is off if either minimum is right, by how well they fit."""
+    share = jax.nn.sigmoid((state.cost - other.cost) * (SHARPNESS * model.softness) ** 2 / 2.0)
+    return jnp.sqrt(share) * _angle(other.n, state.n)
+
+
+def _angle(a: Vec3, b: Vec3) -> Float[Array, "..."]:
+    """Return the angle between unit vectors, radians."""
+    apart = a - b
+    return 2.0 * jnp.arcsin(jnp.clip(jnp.sqrt(dot(apart, apart)) / 2.0, 0.0, 1.0))
 
 
 def _brighter(observed: BlockObservations, here: Local) -> Float[Array, " texels"]:
@@ -203,7 +232,7 @@ class Reflectances(NamedTuple):
 
 def seen_by(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, model: ObjectModel) -> Reflectances:
     """Return what the views show of a block."""
-    observed = observe(setup, known, block)
+    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     return _seen(setup, known, block, observed, model, lowest_state(observed, model))
 
 
@@ -245,7 +274,7 @@ def coefficients_of(
         taken: What is kept of the residuals of a texel, as products with them.
         between: How residuals under further lights are predicted; None where there are only those of the views.
     """
-    observed = observe(setup, known, block)
+    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     weighing = model.weighing(observed.level)
     state = begin(observed, model.shape, weighing, Vec3(*n))
     here = around(observed, model.shape, weighing, state)
@@ -295,7 +324,7 @@ def shown_by(
     toward: Float[Array, "lights 3"],
 ) -> Shown:
     """Return what the views show beyond the model at the minimum of each texel, and the model under distant lights."""
-    observed = observe(setup, known, block)
+    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     n = lowest_state(observed, model).n
     every = jnp.eye(len(observed.y), dtype=jnp.float32)
     k = coefficients_of(setup, known, block, model, jnp.stack([n.x, n.y, n.z]), brightest, every)
@@ -331,16 +360,16 @@ def turned(
     parts: Bool[np.ndarray, "parts views"],
 ) -> Turned:
     """Return by how much the numbers of a block change when each part of the views is fitted alone."""
-    observed = observe(setup, known, block)
+    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     whole = lowest_state(observed, model)
-    each = [_change(observed, whole, lowest_state(seen_in(observed, part), model), part) for part in parts]
+    each = [_change(observed, whole, lowest_state(seen_in(observed, part[:, None]), model), part) for part in parts]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
 
 
 @jax.jit
-def seen_in(observed: BlockObservations, part: Bool[Array, " views"]) -> BlockObservations:
+def seen_in(observed: BlockObservations, part: Bool[Array, "views _"]) -> BlockObservations:
     """Return the same with the observations of some views alone."""
-    seen = (observed.believed & part[:, None], observed.counts & part[:, None])
+    seen = (observed.believed & part, observed.counts & part)
     return eqx.tree_at(lambda o: (o.believed, o.counts), observed, seen)
 
 
@@ -349,13 +378,10 @@ def _change(
     observed: BlockObservations, whole: DescentState, state: DescentState, part: Bool[Array, " views"]
 ) -> Turned:
     """Return by how much a state of some views differs from that of all."""
-    apart = state.n - whole.n
-    sine = jnp.sqrt(dot(apart, apart)) / 2.0
     reach = observed.lights.reach(whole.n) & part[:, None]
     reached = jnp.sum(reach, 0, dtype=jnp.float32) / jnp.sum(part, dtype=jnp.float32)
-    angle = 2.0 * jnp.arcsin(jnp.clip(sine, 0.0, 1.0))
     level = observed.level
-    return Turned(angle, (state.k_d - whole.k_d) * level, (state.k_s - whole.k_s) * level, reached)
+    return Turned(_angle(state.n, whole.n), (state.k_d - whole.k_d) * level, (state.k_s - whole.k_s) * level, reached)
 
 
 @jax.jit

@@ -22,6 +22,7 @@ from ..maps import NORMAL_95
 from .learning import MIN_SAMPLES
 
 TRUST_IN_GAUSSIAN = 0.15  # in the logarithm of its ratio, NORMAL_95: the rarest errors of a sample are rough
+GROUPS = 6  # of few views, one of which is left out: with six photographs, one at a time
 FEW_VIEWS = 24  # views from which halves are fitted; below, thirds are left out
 
 
@@ -50,7 +51,7 @@ def division_of(l: Float[np.ndarray, "views 3"]) -> Division:
     axis = np.linalg.svd(apart, full_matrices=False)[2][0]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     if len(l) < FEW_VIEWS:
-        return Division(_without_each(apart @ axis, 3), 3)
+        return Division(_without_each(apart @ axis, GROUPS), GROUPS)
     return Division(np.concatenate([_without_each(apart @ axis, 2), _without_each(l @ middle, 2)]), 2)
 
 

@@ -1,7 +1,9 @@
-"""Choice: whether photographs obey a model with an n_s of its own at each texel, or one highlight for the whole object.
+"""Choice: what is assumed of an object, and whether each texel has an n_s of its own, by photographs that are left out.
 
-Both are fitted to two thirds of the views of some texels and predict the rest. Each texel's own n_s is right for
-renders and clean materials; on real objects it turns shadows and bounced light into highlights.
+Whatever predicts them better is taken. A highlight, single observations that are far off, and darkness that says little
+are right for most real objects and many photographs; a matte object, or six photographs of anything, are told better by
+fewer freedoms. Each texel's own n_s is right for renders and clean materials; on real objects it turns shadows and
+bounced light into highlights.
 """
 
 from __future__ import annotations
@@ -15,67 +17,144 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.fields import Array
+from ...core.thresholds import MINOR, SLIGHT
+from ...core.words import Note
 from ...model.lobes import AbstractPowerLobe
 from ...model.vectors import Vec3
 from ..blocks import TexelBlock
 from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
-from .learning import ObjectModel
-from .observations import BlockObservations, Lights, observe
+from .calibration import GROUPS
+from .learning import ObjectModel, every_assumption, first_model, learned
+from .observations import BlockObservations, observe
 from .robust_descent import DescentState
-from .run import RobustRun
+from .texel_work import BLOCK, TexelWork
 
-SAMPLE = 384  # texels
-EVERY = 3  # one view of so many is predicted
+FIRST_ROUNDS, ROUNDS = 4, 3  # of learning: from nothing, and from what was learned otherwise
+MATTE_NOTE = Note(
+    "photographs that were left out are predicted no better with a highlight: the object is taken to be matte.", "matte"
+)
+
+
+def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
+    """Return the model of an object under the assumptions by which photographs that are left out are predicted best.
+
+    Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
+    one. The object is matte where a highlight does not lower the error.
+
+    Args:
+        work: The fit.
+        sample: Texels.
+    """
+    few, model = fewer(sample), first_model(work.loss, every_assumption()[0])
+    for _ in range(FIRST_ROUNDS):
+        model = learned(model, work.sample_at_minimum(few, model))
+    if len(sample.counts) < GROUPS:
+        return model
+    tried = []
+    for k, assumed in enumerate(every_assumption()):
+        work.tiles.report_progress("choosing what to assume:", (k + 1) / 8)
+        other = eqx.tree_at(lambda one: one.assumed, model, assumed)
+        for _ in range(ROUNDS):
+            other = learned(other, work.sample_at_minimum(few, other))
+        tried.append((other, errors_of_shared(work, few, other)))
+    glossy, matte = (_best_of(tried[first::2]) for first in range(2))
+    return glossy[0] if glossy[1].mean() < matte[1].mean() else matte[0]
+
+
+def _best_of(
+    tried: Sequence[tuple[ObjectModel, Float[np.ndarray, " views"]]],
+) -> tuple[ObjectModel, Float[np.ndarray, " views"]]:
+    """Return the first of some models with its errors, or the best one where that is clearly better."""
+    best = min(tried, key=lambda one: one[1].mean())
+    return best if clearly_better(tried[0][1], best[1]) else tried[0]
+
+
+def errors_of_shared(work: TexelWork, sample: TexelTile, model: ObjectModel) -> Float[np.ndarray, " views"]:
+    """Return how far each view is from what a model fitted to others predicts."""
+    seen = views_seen(sample)
+
+    def program(block: TexelBlock, model: ObjectModel, seen: np.ndarray | None) -> tuple[Array, Array]:
+        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        state = lowest_state(seen_in(observed, np.asarray(seen) > 0.0), model)
+        return _error_of_shared(observed, model, state), observed.counts
+
+    return _mean_of_views(*work.each(sample, program, [model], seen.astype(np.float32)), seen)
 
 
 def own_exponents_predict_better(
-    run: RobustRun,
-    models: Sequence[ObjectModel],
+    work: TexelWork,
+    model: ObjectModel,
     sample: TexelTile,
     lobe: AbstractPowerLobe,
     fit: Callable[[TexelTile], Estimates],
 ) -> bool:
-    """Return whether an n_s of each texel predicts views that were left out better than the shared highlight.
+    """Return whether an n_s of each texel clearly predicts views that were left out better than the shared highlight.
 
     Args:
-        run: The robust run.
-        models: Its models.
+        work: The robust fit.
+        model: Its model of the object.
         sample: Texels.
         lobe: Lobe of the texels' own highlights.
         fit: Returns the estimates of texels with an n_s each.
     """
-    if len(sample.counts) < 2 * EVERY:
-        return True
-    sample = sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, SAMPLE).astype(int)))
-    seen = np.arange(len(sample.counts)) % EVERY != EVERY - 1
-    own = fit(eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & seen[:, None])).values
+    sample = fewer(sample)
+    seen = views_seen(sample)
+    own = fit(eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & seen)).values
     k_d, k_s = (own[name].mean(0)[None] for name in ("k_d", "k_s"))
     numbers = np.concatenate([own["normal"], k_d, k_s, own["n_s"]]).astype(np.float32)
 
-    def program(block: TexelBlock, model: ObjectModel, own: np.ndarray | None) -> tuple[Array, Array, Array]:
-        observed = observe(run.setup, run.known, block)
-        state = lowest_state(seen_in(observed, seen), model)
-        lights = eqx.tree_at(lambda of: of.lobe, observed.lights, lobe)
-        return _prediction_errors(observed, model, state, lights, own, seen)
+    def program(block: TexelBlock, model: ObjectModel, own: np.ndarray | None) -> tuple[Array, Array]:
+        assert own is not None
+        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        return _error_of_own(observed, lobe, own), observed.counts
 
-    by_shared, by_own, left_out = run.each(sample, program, models, numbers)
-    return bool(np.median(by_own[left_out]) < np.median(by_shared[left_out]))
+    by_own = _mean_of_views(*work.each(sample, program, [model], numbers), seen)
+    return clearly_better(errors_of_shared(work, sample, model), by_own)
+
+
+def clearly_better(errors: Float[np.ndarray, " views"], others: Float[np.ndarray, " views"]) -> bool:
+    """Return whether the other errors are lower by more than chance, and by more than a few percent."""
+    gain = errors - others
+    by_chance = np.std(gain) / np.sqrt(len(gain) - 1.0)
+    return bool(gain.mean() > max(by_chance, MINOR))
+
+
+def fewer(sample: TexelTile) -> TexelTile:
+    """Return some texels of a sample."""
+    return sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, BLOCK).astype(int)))
+
+
+def views_seen(sample: TexelTile) -> Bool[np.ndarray, "views texels"]:
+    """Return by which views each texel is fitted: one group is left out, another one for the next texel."""
+    views, texels = sample.counts.shape
+    return np.arange(views)[:, None] % GROUPS != np.arange(texels) % GROUPS
+
+
+def _mean_of_views(
+    error: Float[Array, "views texels"],
+    counts: Bool[Array, "views texels"],
+    seen: Bool[np.ndarray, "views texels"],
+) -> Float[np.ndarray, " views"]:
+    """Return the mean error of each view over the observations that were left out."""
+    out = np.asarray(counts) & ~seen
+    return np.where(out, np.asarray(error), 0.0).sum(1) / np.maximum(out.sum(1), 1)
 
 
 @jax.jit
-def _prediction_errors(
-    observed: BlockObservations,
-    model: ObjectModel,
-    state: DescentState,
-    lights: Lights,
-    own: Float[Array, "6 texels"],
-    seen: Bool[Array, " views"],
-) -> tuple[Array, Array, Array]:
-    """Return how far both predictions are from each observation, and which observations were left out of the fits."""
+def _error_of_shared(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Array:
     D, S = observed.lights.shading(model.shape, state.n)
-    by_shared = state.k_d[None] * D + state.k_s[None] * S
+    return _error(state.k_d[None] * D + state.k_s[None] * S - observed.y)
+
+
+@jax.jit
+def _error_of_own(observed: BlockObservations, lobe: AbstractPowerLobe, own: Float[Array, "6 texels"]) -> Array:
+    lights = eqx.tree_at(lambda of: of.lobe, observed.lights, lobe)
     D, S = lights.shading_of_power(own[5], Vec3(*own[:3]))
-    by_own = (own[3][None] * D + own[4][None] * S) / observed.level[None]
-    return jnp.abs(by_shared - observed.y), jnp.abs(by_own - observed.y), observed.counts & ~seen[:, None]
+    return _error((own[3][None] * D + own[4][None] * S) / observed.level[None] - observed.y)
+
+
+def _error(residual: Float[Array, "views texels"]) -> Float[Array, "views texels"]:
+    """Return the logarithm of the size of a residual, by which neither the few large nor the many small ones decide."""
+    return jnp.log(jnp.abs(residual) + SLIGHT)

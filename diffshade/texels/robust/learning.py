@@ -17,7 +17,7 @@ from scipy.optimize import nnls
 
 from ...core.fields import Array
 from ...core.robust_scale import MAD
-from ...core.thresholds import MINOR, MOST, SMALL
+from ...core.thresholds import MINOR, MOST, NEGLIGIBLE, SMALL
 from ..status import ROUNDING
 from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
 from .observations import BlockObservations
@@ -26,12 +26,31 @@ from .robust_descent import DescentState, Weighing, around
 SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
 FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
 MIN_SAMPLES = 30  # observations, or texels, from which a median or a quantile is taken
+NO_OUTLIERS = 30.0  # factor of the scale at which a robust loss is squares for all residuals that occur
 RIDGE = 1e-4  # added to curvatures: of a texel of level 1, and of the weights of the shape relative to their mean
+
+
+class Assumptions(eqx.Module):
+    """What may be assumed of an object; `choice` takes what predicts photographs that were left out best."""
+
+    glossy: Bool[Array, ""]
+    """Whether texels may have a highlight; else k_s is 0."""
+    outliers: Bool[Array, ""]
+    """Whether single observations may be far off, as by cast shadows; else all count alike, by squares."""
+    dark_is_shadow: Bool[Array, ""]
+    """Whether the darkest observations of a texel tell little, for most of them lie in shadow."""
+
+
+def every_assumption() -> list[Assumptions]:
+    """Return all of them, with a highlight and without one in turn; first come outliers and shadows."""
+    yes = (True, False)
+    return [Assumptions(*map(np.asarray, (g, o, d))) for o in yes for d in yes for g in yes]
 
 
 class ObjectModel(eqx.Module):
     """What the texels of an object have in common."""
 
+    assumed: Assumptions
     shape: HighlightShape
     relative_misfit: Float[Array, ""]
     """Typical residual relative to the level of a texel."""
@@ -46,13 +65,22 @@ class ObjectModel(eqx.Module):
     def weighing(self, level: Float[Array, " texels"]) -> Weighing:
         """Return what the residuals and k_s of texels of these levels are measured by."""
         scale = SHARPNESS * jnp.hypot(self.relative_misfit, self.absolute_misfit / level)
-        return Weighing(scale, (level / (SHARPNESS * self.brightest)) ** 2, self.loss)
+        brightest = jnp.where(self.assumed.glossy, self.softness * SHARPNESS * self.brightest, NEGLIGIBLE)
+        return Weighing(self.softness * scale, (level / brightest) ** 2, self.loss)
+
+    @property
+    def softness(self) -> Array:
+        """Factor of the scale of the loss."""
+        return jnp.where(self.assumed.outliers, 1.0, NO_OUTLIERS)
 
 
-def first_model(loss: str) -> ObjectModel:
+def first_model(loss: str, assumed: Assumptions) -> ObjectModel:
     """Return the model that learning begins with."""
     return ObjectModel(
-        first_shape(), *(np.asarray(number, np.float32) for number in (FIRST_MISFIT, 0.0, 0.0, np.inf)), loss=loss
+        assumed,
+        first_shape(),
+        *(np.asarray(number, np.float32) for number in (FIRST_MISFIT, 0.0, 0.0, np.inf)),
+        loss=loss,
     )
 
 
@@ -95,13 +123,19 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     in_shadow = dark[believed & ~texels.lit]
     absolute = MAD * np.median(np.abs(in_shadow)) if len(in_shadow) > MIN_SAMPLES else 0.0
     lit = np.abs(texels.residual[believed & texels.lit])
-    relative = max(MAD * float(np.median(lit)) if len(lit) else 0.0, ROUNDING)
+    relative = max(MAD * float(np.median(lit)) * _of_freedom(model, believed) if len(lit) else 0.0, ROUNDING)
     S = np.tensordot(np.asarray(model.shape.weight), texels.powers, 1)
     seen = (texels.k_s * texels.level)[S.max(0) > MOST]
     brightest = max(float(np.quantile(seen, 1.0 - SMALL)), 1e-6) if len(seen) > MIN_SAMPLES else np.inf
     shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
     numbers = relative, absolute, absolute / typical_level(np.asarray(texels.level)), brightest
-    return ObjectModel(shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
+    return ObjectModel(model.assumed, shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
+
+
+def _of_freedom(model: ObjectModel, believed: Bool[Array, "views texels"]) -> float:
+    """Return by how much residuals are larger than those that are left after the numbers of each texel are fitted."""
+    fitted_to, numbers = float(np.asarray(believed).sum(0).mean()), 4.0 if model.assumed.glossy else 3.0
+    return float(np.sqrt(fitted_to / max(fitted_to - numbers, 1.0)))
 
 
 def typical_level(level: Float[np.ndarray, " texels"]) -> float:

@@ -115,7 +115,9 @@ def reflectances(
 
 
 @jax.jit
-def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> BlockObservations:
+def observe(
+    setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, dark_is_shadow: Bool[Array, ""]
+) -> BlockObservations:
     """Return what the views show of a block."""
     geometry = lighting_geometry(setup, block.p, block.v)
     per_light, arriving = reflectances(setup, known, block, geometry)
@@ -131,7 +133,7 @@ def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -
     ordered = jnp.sort(jnp.where(reached, grey, jnp.inf).astype(jnp.float32), 0)
     least = jnp.take_along_axis(ordered, jnp.minimum(dropped, len(grey) - 1)[None], 0)
     single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), lights)
-    believed = reached & (grey.astype(jnp.float32) >= least)
+    believed = reached & ((grey.astype(jnp.float32) >= least) | ~jnp.asarray(dark_is_shadow))
     return BlockObservations(
         (grey / level[None]).astype(jnp.float32), reached, believed, level.astype(jnp.float32), single
     )

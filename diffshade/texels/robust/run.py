@@ -33,6 +33,7 @@ from .block_fits import (
     seen_by,
     shown_by,
 )
+from .choice import FIRST_ROUNDS, MATTE_NOTE, ROUNDS, best_model
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, note_on_lobe
 from .learning import ObjectModel, first_model, learned
@@ -40,7 +41,6 @@ from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_
 from .stated_errors import COLUMNS, SpreadColumns, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
-FIRST_ROUNDS, ROUNDS = 4, 5  # with each lobe on a part of the sample, then with the better one on all of it
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
 # Matusik 2005).
 MAX_MISFIT_RATIO = 0.85
@@ -89,10 +89,11 @@ class RobustRun(TexelWork):
         report = self.tiles.report_progress
         given, few = self.setup.lobe, sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
         lobes = (Blinn(),) if isinstance(given, Blinn) else (Blinn(), given)
-        tried = []
-        for lobe in lobes:
+        self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobes[0])
+        tried = [best_model(self, sample)]
+        for lobe in lobes[1:]:
             self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobe)
-            whole = first_model(self.loss)
+            whole = first_model(self.loss, tried[0].assumed)
             for k in range(FIRST_ROUNDS):
                 report(f"learning the highlight, {type(lobe).__name__}:", (k + 1) / FIRST_ROUNDS)
                 whole = learned(whole, self.sample_at_minimum(few, whole))
@@ -145,7 +146,9 @@ class RobustRun(TexelWork):
         times = state_errors(self, shared, arrays, spread)
         store.wait_for_all()
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
-        notes = (*notes, *note, *note_on_lobe(reader.scene.objects[0].material.lobe, self.setup.lobe))
+        given = reader.scene.objects[0].material.lobe
+        on_highlight = note_on_lobe(given, self.setup.lobe) if models[0].assumed.glossy else (MATTE_NOTE,)
+        notes = (*notes, *note, *on_highlight)
         scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, self.setup.lobe)
         maps = TexelMaps(
             arrays.values(),
@@ -263,6 +266,7 @@ class RobustRun(TexelWork):
             np.asarray(found.spread[1, own]),
             np.asarray(found.spread[2, own]),
             np.asarray(found.by_lights[own]),
+            np.asarray(found.by_choice[own]),
         ).stacked()
         lit, plane = found.lit[own], found.plane[own]
         unknown = (plane < DEGREE) | (k.level < ROUNDING * shared.brightest)

@@ -41,6 +41,8 @@ class SpreadColumns(NamedTuple):
     k_s: Float[np.ndarray, "..."]
     by_lights: Float[np.ndarray, "..."]
     """Standard deviation of the normal that follows from the errors of the lights, radians."""
+    by_choice: Float[np.ndarray, "..."]
+    """How far the normal may be off because another minimum fits nearly as well, radians."""
 
     def stacked(self) -> Float[np.ndarray, "... columns"]:
         """Return the columns as one array."""
@@ -101,7 +103,9 @@ def _write_errors(
     status = values["status"][rows, :, 0]
     inside = status != OUTSIDE
     with np.errstate(invalid="ignore", over="ignore"):
-        normal = np.rad2deg(np.hypot(here.of_normal(typical) * held["normal"].errors, here.by_lights * ANGLE_68))
+        # groups of lights differ by what the lights' own errors do, too: the larger of the two, not both
+        of_groups = here.of_normal(typical) * held["normal"].errors
+        normal = np.rad2deg(np.hypot(np.maximum(of_groups, here.by_lights * ANGLE_68), here.by_choice))
         errors = {"normal": np.where(normal <= 90.0, normal, np.inf)[..., None]}
         for name, own in (("k_d", here.k_d), ("k_s", here.k_s)):
             value = values[name][rows]

@@ -17,7 +17,7 @@ from ..tile_runner import TileRunner
 from ..tiles import MIN_BLOCK, SQUARE, TexelPart, TexelTile
 from ..unexplained import Interpolation
 from .block_fits import lights_toward, lowest_state
-from .learning import Fitted, ObjectModel, first_model, fitted, learned
+from .learning import Fitted, ObjectModel, every_assumption, first_model, fitted, learned
 from .observations import observe
 
 T = TypeVar("T")
@@ -73,7 +73,7 @@ class TexelWork:
         """Return the texels of a sample at their minimum."""
 
         def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Fitted:
-            observed = observe(self.setup, self.known, block)
+            observed = observe(self.setup, self.known, block, model.assumed.dark_is_shadow)
             return fitted(observed, model, lowest_state(observed, model))
 
         return self.each(sample, program, [model])
@@ -151,6 +151,6 @@ class TexelWork:
         def program(block: TexelBlock, _: ObjectModel, __: np.ndarray | None) -> Float[np.ndarray, "views 3 n"]:
             return lights_toward(self.setup, block)
 
-        mean = self.each(sample, program, [first_model(self.loss)]).mean(-1)
+        mean = self.each(sample, program, [first_model(self.loss, every_assumption()[0])]).mean(-1)
         length = np.linalg.norm(mean, axis=-1, keepdims=True)
         return mean / np.where(length > 0.0, length, 1.0)
