@@ -62,8 +62,9 @@ def fit_texels(
     $$ \min \sum \rho(exposure \cdot radiance + black - image) $$
 
     at each texel, over all views. There are two ways. Where k_d, k_s, n_s and normal are free and `loss` is not
-    "squares", both are tried on some texels; the one that predicts photographs it was not shown is taken. With fewer
-    than six views, lights in one plane, or lamps without one of the channels, each texel is fitted by itself.
+    "squares", both are tried on some texels; the first is taken where it clearly predicts photographs it was not shown
+    better. With fewer than six views, lights in one plane, or lamps without one of the channels, each texel is fitted
+    by itself.
 
     Each texel by itself, for renders and whatever obeys the model: the coefficients are solved for exactly and are
     never below 0; log n_s and the normal are found by Levenberg-Marquardt on the cost that the best coefficients leave
@@ -75,9 +76,12 @@ def fit_texels(
     All texels with one highlight, for photographs of things: its shape, a sum of powers of the cosine, is learned from
     the whole object, and k_s is kept small where no view shows a highlight. The lobe is Blinn's unless the scene's fits
     far better. Every normal of a grid is tried, so that no local minimum traps a texel; shadows and bounced light lose
-    their weight by the robust loss; a normal is the geometric median of the 3 x 3 around it. The errors contain what
-    the model leaves out: they follow from the misfit, from the scatter of the neighbours, and from fits to halves of
-    the lights. It computes in float32, whose rounding is thousands of times smaller than those errors.
+    their weight by the robust loss; a normal is the geometric median of the 3 x 3 around it. That there is a highlight,
+    that observations may be far off, and that the darkest tell little is assumed as far as it predicts photographs that
+    are left out better; else the object is matte, and all observations count alike. The errors contain what the model
+    leaves out: they follow from the misfit, from the scatter of the neighbours, from fits to parts of the lights, and
+    from other normals that fit nearly as well. It computes in float32, whose rounding is thousands of times smaller
+    than those errors.
 
     Args:
         scene: One opaque object, whose surface says where the texels are, and all lights. The values of free numbers
