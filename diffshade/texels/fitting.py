@@ -33,6 +33,7 @@ from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
 from .robust.run import RobustRun
+from .robust.turned_lights import note_on_turned_lights
 from .run import TexelRun
 from .status import DETERMINED, NO_HIGHLIGHT, UNDETERMINED
 from .tile_runner import TileRunner
@@ -191,6 +192,7 @@ def _fit(
     sample = tiles.reader.sample(LEARNING_SAMPLE)
     check_anything_left(np.ones(len(sample.pixels)))
     models = run.learn(sample)
+    notes = (*notes, *note_on_turned_lights(run, models, sample))
     if light_error is None and own_exponents_predict_better(run, models[0], sample, each.setup.lobe, each.estimates):
         return each.maps(lights, notes)
     return run.maps(models, sample, notes)

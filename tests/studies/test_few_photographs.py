@@ -4,6 +4,8 @@ The grey ball has lights on one side, known to some 3 degrees. Its table and tha
 docs/pages/texels.md; `pytest -m slow -s` prints them.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from bumpy import MATERIALS, bumpy, degrees_between, jumps, under
@@ -65,6 +67,33 @@ def check(material: str, count: int, cone: float, **how) -> None:
 @pytest.mark.parametrize(("material", "count"), [("matte", 6), ("two", 8), ("metal", 12)])
 def test_few_photographs_beat_least_squares(material, count):
     check(material, count, 60.0, off=1.0, cast=True)
+
+
+def notes_of(of, views, scene=None) -> list[str]:
+    notes = ds.fit_texels(scene or of.scene, views, free=FREE).notes
+    return [note for note in notes if "said to be" in note or "swapped" in note]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("material", "count"),
+    [("glossy", 12), *(pytest.param(m, n, marks=pytest.mark.slow) for m in ("matte", "metal") for n in (12, 48))],
+)
+def test_a_light_that_is_off_and_swapped_photographs_are_named(material, count):
+    of = bumpy(material, count, 50.0)
+    assert notes_of(of, of.views) == []
+    l = -of.to_light[5]
+    across = np.cross(l, (0.3, 0.5, 0.8))
+    off = np.cos(np.deg2rad(20.0)) * l + np.sin(np.deg2rad(20.0)) * across / np.linalg.norm(across)
+    lights = [ds.DirectionalLight(off) if i == 5 else light for i, light in enumerate(of.scene.lights)]
+    (note,) = notes_of(of, of.views, ds.Scene(of.scene.objects[0], lights))
+    assert any(f"views[5] by {degrees} degrees" in note for degrees in (19, 20, 21)), note
+    swapped = [
+        dataclasses.replace(view, image=of.views[{3: 8, 8: 3}.get(i, i)].image) for i, view in enumerate(of.views)
+    ]
+    (note,) = notes_of(of, swapped)
+    assert "views[3]" in note
+    assert "views[8]" in note
 
 
 @pytest.mark.slow

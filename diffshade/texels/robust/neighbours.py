@@ -16,7 +16,7 @@ MEDIAN_SIDE = 3  # side of the square whose geometric median replaces a normal: 
 SCATTER_SIDE = 11  # side of the square over which normals scatter
 MISFIT_SIDE = 5  # side of the square over which misfits are averaged
 MARGIN = SCATTER_SIDE // 2  # rows of its neighbours that a band needs for results like the whole image's
-ITERATIONS = 10
+ITERATIONS = 10  # of reweighted means and squares
 
 
 class NeighbourGrid(NamedTuple):

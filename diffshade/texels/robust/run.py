@@ -12,7 +12,7 @@ from jaxtyping import Float, Float16, Int
 
 from ...core.fields import Array
 from ...core.thresholds import DEGREE
-from ...model.lobes import Blinn
+from ...model.lobes import AbstractPowerLobe, Blinn
 from ..between_lights import BetweenLights, from_leaves, learned_between
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
@@ -86,21 +86,20 @@ class RobustRun(TexelWork):
 
     def learn(self, sample: TexelTile) -> list[ObjectModel]:
         """Return the model of the object, or that of each region, from a sample of its texels."""
-        report = self.tiles.report_progress
-        given, few = self.setup.lobe, sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
-        lobes = (Blinn(),) if isinstance(given, Blinn) else (Blinn(), given)
-        self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobes[0])
-        tried = [best_model(self, sample)]
-        for lobe in lobes[1:]:
-            self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobe)
-            whole = first_model(self.loss, tried[0].assumed)
+        report, given = self.tiles.report_progress, self.setup.lobe
+        self._take(Blinn())
+        whole = best_model(self, sample)
+        if whole.assumed.glossy and not isinstance(given, Blinn):
+            few = sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
+            self._take(given)
+            other = first_model(self.loss, whole.assumed)
             for k in range(FIRST_ROUNDS):
-                report(f"learning the highlight, {type(lobe).__name__}:", (k + 1) / FIRST_ROUNDS)
-                whole = learned(whole, self.sample_at_minimum(few, whole))
-            tried.append(whole)
-        better = int(len(tried) == 2 and tried[1].relative_misfit < MAX_MISFIT_RATIO * tried[0].relative_misfit)
-        self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobes[better])
-        whole = tried[better]
+                report(f"learning the highlight, {type(given).__name__}:", (k + 1) / FIRST_ROUNDS)
+                other = learned(other, self.sample_at_minimum(few, other))
+            if other.relative_misfit < MAX_MISFIT_RATIO * whole.relative_misfit:
+                whole = other
+            else:
+                self._take(Blinn())
         for k in range(ROUNDS):
             report("learning the highlight:", (k + 1) / ROUNDS)
             whole = learned(whole, self.sample_at_minimum(sample, whole))
@@ -115,6 +114,9 @@ class RobustRun(TexelWork):
                     model = learned(model, self.sample_at_minimum(part, model))
             models.append(model)
         return models
+
+    def _take(self, lobe: AbstractPowerLobe) -> None:
+        self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobe)
 
     def maps(self, models: Sequence[ObjectModel], sample: TexelTile, notes: tuple[str, ...]) -> TexelMaps:
         """Fit all texels, tile by tile, and return their maps.

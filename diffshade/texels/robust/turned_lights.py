@@ -1,0 +1,105 @@
+r"""Turned lights: photographs whose light is not where it is said to be, or that are swapped with each other.
+
+Where a texel shows no highlight it has y = k_d n.l. Its k_d and n are known from the other photographs too, so that one
+photograph's texels say where its light is, by least squares under a robust loss (Woodham 1980, with the light unknown).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.fields import Array
+from ...core.robust_scale import robust_scale
+from ...core.thresholds import DEGREE, FAR_MORE, SMALL, TINY
+from ...core.words import MAX_NAMED, Note
+from ..blocks import TexelBlock
+from ..tiles import TexelTile
+from .block_fits import lowest_state
+from .learning import MIN_SAMPLES, ObjectModel
+from .neighbours import ITERATIONS
+from .observations import BlockObservations, observe
+from .robust_descent import DescentState
+from .texel_work import TexelWork
+
+LEAST = FAR_MORE**2 * DEGREE  # a light that is less far off is as well known as lights are
+
+
+class MatteTexels(NamedTuple):
+    """What texels are, by all photographs, and what each photograph shows of them without its highlight."""
+
+    facing: Float[Array, "3 texels"]
+    """k_d n."""
+    shown: Float[Array, "views texels"]
+    counts: Bool[Array, "views texels"]
+    toward: Float[Array, "3 views texels"]
+    """Each view's light, as it is said to be."""
+
+
+@jax.jit
+def _matte(observed: BlockObservations, model: ObjectModel, state: DescentState) -> MatteTexels:
+    lights, n, k_d = observed.lights, state.n, state.k_d
+    D, S = lights.shading(model.shape, n)
+    highlight = state.k_s[None] * S
+    counts = observed.counts & (observed.y > SMALL) & (highlight < SMALL * k_d[None] * D + TINY)
+    mean = [jnp.broadcast_to(jnp.sum(lights.strength * c, 1), D.shape) for c in (lights.l.x, lights.l.y, lights.l.z)]
+    return MatteTexels(k_d[None] * jnp.stack([n.x, n.y, n.z]), observed.y - highlight, counts, jnp.stack(mean))
+
+
+def note_on_turned_lights(work: TexelWork, models: Sequence[ObjectModel], sample: TexelTile) -> tuple[Note, ...]:
+    """Return a note that names the photographs whose light is far from where it is said to be.
+
+    Args:
+        work: The fit.
+        models: The models of the object's regions.
+        sample: Texels.
+    """
+
+    def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> MatteTexels:
+        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        return _matte(observed, model, lowest_state(observed, model))
+
+    texels = work.each(sample, program, models)
+    said = np.asarray(texels.toward).mean(-1).T
+    said = said / np.linalg.norm(said, axis=-1, keepdims=True)
+    found = np.stack([_seen_in(texels, v) for v in range(len(said))])
+    off = _angle(found, said)
+    far = np.flatnonzero(off > np.maximum(LEAST, FAR_MORE**2 * np.median(off)))
+    return (Note(_in_words(far, found, said, off), "disagrees"),) if len(far) else ()
+
+
+def _seen_in(texels: MatteTexels, view: int) -> Float[np.ndarray, "3"]:
+    """Return the direction to the light of a view by what it shows; as it is said where it shows too little."""
+    some = np.asarray(texels.counts[view])
+    said = np.asarray(texels.toward[:, view])
+    x = said.mean(-1).astype(float)
+    if some.sum() >= MIN_SAMPLES:
+        A, change = np.asarray(texels.facing).T[some].astype(float), np.zeros(3)
+        left = np.asarray(texels.shown[view])[some] - np.sum(A * said.T[some], -1)
+        for _ in range(ITERATIONS):
+            e = left - A @ change
+            weight = 1.0 / (1.0 + (e / max(robust_scale(e), TINY)) ** 2)
+            change = np.linalg.solve((A.T * weight) @ A + TINY * np.eye(3), (A.T * weight) @ left)
+        x = x + change
+    return x / np.linalg.norm(x)
+
+
+def _in_words(
+    far: np.ndarray, found: Float[np.ndarray, "views 3"], said: Float[np.ndarray, "views 3"], off: np.ndarray
+) -> str:
+    """Return which lights are off, and by how much, or that two photographs are swapped."""
+    if len(far) == 2 and (_angle(found[far], said[far[::-1]]) < LEAST).all():
+        return f"views[{far[0]}] and views[{far[1]}] each show the other's light: the photographs are swapped."
+    named = ", ".join(f"views[{v}] by {np.rad2deg(off[v]):.0f} degrees" for v in far[:MAX_NAMED])
+    more = f", and {len(far) - MAX_NAMED} more" if len(far) > MAX_NAMED else ""
+    return f"lights are not where they are said to be, by what the other photographs say: {named}{more}. Check them."
+
+
+def _angle(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Return the angle between unit vectors, radians."""
+    return 2.0 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=-1) / 2.0, 0.0, 1.0))
