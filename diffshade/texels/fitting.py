@@ -192,8 +192,9 @@ def _fit(
     sample = tiles.reader.sample(LEARNING_SAMPLE)
     check_anything_left(np.ones(len(sample.pixels)))
     models = run.learn(sample)
-    notes = (*notes, *note_on_turned_lights(run, models, sample))
-    if light_error is None and own_exponents_predict_better(run, models[0], sample, each.setup.lobe, each.estimates):
+    if other is None:
+        notes = (*notes, *note_on_turned_lights(run, models, sample))
+    if light_error is None and own_exponents_predict_better(run, models, sample, each.setup.lobe, each.estimates):
         return each.maps(lights, notes)
     return run.maps(models, sample, notes)
 

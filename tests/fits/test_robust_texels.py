@@ -34,7 +34,7 @@ FREE = ("k_d", "k_s", "n_s", "normal")
 
 @pytest.fixture(scope="module")
 def shadowed():
-    ball = textured_ball(40, noise=0.005, shadows=0.1, lobe="blinn")  # the first that is tried
+    ball = textured_ball(40, noise=0.005, shadows=0.1)
     return ball, ds.fit_texels(facing_us(ball), ball.views, free=FREE)
 
 

@@ -22,9 +22,10 @@ from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup, lighting_setup
+from ..robust.choice import FIRST_ROUNDS
 from ..robust.disagreement import CELLS, cells_of
-from ..robust.learning import ObjectModel, learned
-from ..robust.run import FIRST_ROUNDS, RobustRun
+from ..robust.learning import ObjectModel, every_assumption, learned
+from ..robust.run import RobustRun
 from ..tiles import TexelTile
 from .joint import TILT, LightEquations, Responses, light_equations, responses
 
@@ -93,7 +94,7 @@ def refine(
     """
     lights = len(stated.directions)
     lamps, cell = LightEstimates(stated.directions, np.ones(lights)), cells_of(sample.pixels, run.tiles.reader.shape)
-    model, settled, covariance = run.learn(sample)[0], False, np.zeros((3 * lights, 3 * lights))
+    model, settled, covariance = run.learn(sample, every_assumption()[0])[0], False, np.zeros((3 * lights, 3 * lights))
     exact = not (stated.error > 0.0).any()
     free = np.stack([stated.error > 0.0, stated.error > 0.0, np.ones(lights, bool)], -1).ravel()
     for k in range(ROUNDS):

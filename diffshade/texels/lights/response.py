@@ -30,7 +30,7 @@ from ...model.scenes import Scene
 from ..between_lights import MIN_VIEWS  # of 8, a texel's four numbers fit the brightest, whatever the gamma
 from ..checks import checked
 from ..fitting import MEMORY
-from ..robust.learning import Fitted
+from ..robust.learning import Fitted, every_assumption
 from ..robust.run import RobustRun
 from ..robust.stated_errors import CALIBRATION_SAMPLE
 from ..run import TexelRun
@@ -115,7 +115,8 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
                 def misfit(gamma: float) -> float:
                     run = RobustRun(setup, known, "cauchy", None, tiles, neighbours=False, light_error=None)
                     linear = raised(sample, gamma)
-                    return misfit_in_file(sample, linear, run.sample_at_minimum(linear, run.learn(linear)[0]), gamma)
+                    model = run.learn(linear, every_assumption()[0])[0]
+                    return misfit_in_file(sample, linear, run.sample_at_minimum(linear, model), gamma)
 
                 return misfit
 

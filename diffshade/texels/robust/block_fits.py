@@ -287,7 +287,7 @@ def coefficients_of(
     shown, arriving = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
     shown, bright = shown.astype(jnp.float32), (here.weight * D)[:, None]
     _, k_s = jax.vmap(lambda y: weighted_coefficients(here.weight, D, S, y, ridge), 1)(shown)
-    k_s = jnp.minimum(k_s, jnp.asarray(brightest, k_s.dtype))
+    k_s = jnp.where(model.assumed.glossy, jnp.minimum(k_s, jnp.asarray(brightest, k_s.dtype)), 0.0)
     matte = jnp.sum(bright * (shown - k_s[None] * S[:, None]), 0)
     k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + TINY)
     beyond = shown - k_d[None] * D[:, None] - k_s[None] * S[:, None]
@@ -300,7 +300,7 @@ def coefficients_of(
             setup.noise, block.observed.target.astype(float)
         )
     residual = jnp.sqrt(jnp.sum(squared, (0, 1)) / samples)
-    doubted = observed.counts & (jnp.abs(here.residual) > OUTLIER * weighing.scale[None])
+    doubted = observed.counts & (jnp.abs(here.residual) > OUTLIER * weighing.scale[None] / model.softness)
     if between is not None:
         beyond = between.beyond(beyond, _under(between.toward, observed.lights, model.shape, state.n, k_d, k_s))
     kept = None if taken is None else jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)

@@ -1,11 +1,11 @@
-"""Calibration: how many spreads hold the truth 68 % and 95 % of the time, from halves of the lights.
+"""Calibration: how many spreads hold the truth 68 % and 95 % of the time, from parts of the lights.
 
 The misfit and the curvature of a texel say where the errors are large, but not how large: what the model leaves out is
 shared by many observations. So texels are fitted again to each half of the lights, divided where the lights are spread
 the most, and to the half around their middle and the rest, which cast shadows and bounce differently. Were the errors
 of the halves independent, the whole would differ from either half as much as from the truth. Errors that the halves
-share remain unseen, hence the largest of the differences counts. With few views thirds are left out in turn, and their
-differences make a jackknife (Quenouille 1956; Tukey 1958). How much larger the rare errors are follows from the
+share remain unseen, hence the largest of the differences counts. With few views one of six groups is left out in turn,
+and the differences make a jackknife (Quenouille 1956; Tukey 1958). How much larger the rare errors are follows from the
 geometric mean of the differences of the first division: what one part alone gets wrong is its own lack of light.
 """
 
@@ -23,7 +23,7 @@ from .learning import MIN_SAMPLES
 
 TRUST_IN_GAUSSIAN = 0.15  # in the logarithm of its ratio, NORMAL_95: the rarest errors of a sample are rough
 GROUPS = 6  # of few views, one of which is left out: with six photographs, one at a time
-FEW_VIEWS = 24  # views from which halves are fitted; below, thirds are left out
+FEW_VIEWS = 24  # views from which halves are fitted; below, one group is left out in turn
 
 
 class Spreads(NamedTuple):
@@ -44,14 +44,15 @@ class Division(NamedTuple):
 def division_of(l: Float[np.ndarray, "views 3"]) -> Division:
     """Return halves along the axis where the lights spread the most, then those around their middle and the others.
 
-    With few views there is one division, and each part leaves out a third.
+    With few views there is one division, and each part leaves out one group.
     """
     middle = l.mean(0)
     apart = l - middle
     axis = np.linalg.svd(apart, full_matrices=False)[2][0]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     if len(l) < FEW_VIEWS:
-        return Division(_without_each(apart @ axis, GROUPS), GROUPS)
+        groups = min(GROUPS, len(l))
+        return Division(_without_each(apart @ axis, groups), groups)
     return Division(np.concatenate([_without_each(apart @ axis, 2), _without_each(l @ middle, 2)]), 2)
 
 

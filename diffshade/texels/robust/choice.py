@@ -41,7 +41,8 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     """Return the model of an object under the assumptions by which photographs that are left out are predicted best.
 
     Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
-    one. The object is matte where a highlight does not lower the error.
+    one. The object is matte where a highlight does not lower the error. With fewer than six views all is assumed, for
+    nothing can be left out.
 
     Args:
         work: The fit.
@@ -52,27 +53,33 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
         model = learned(model, work.sample_at_minimum(few, model))
     if len(sample.counts) < GROUPS:
         return model
-    tried = []
-    for k, assumed in enumerate(every_assumption()):
-        work.tiles.report_progress("choosing what to assume:", (k + 1) / 8)
+    tried, every = [], every_assumption()
+    for k, assumed in enumerate(every):
+        work.tiles.report_progress("choosing what to assume:", (k + 1) / len(every))
         other = eqx.tree_at(lambda one: one.assumed, model, assumed)
         for _ in range(ROUNDS):
             other = learned(other, work.sample_at_minimum(few, other))
-        tried.append((other, errors_of_shared(work, few, other)))
-    glossy, matte = (_best_of(tried[first::2]) for first in range(2))
-    return glossy[0] if glossy[1].mean() < matte[1].mean() else matte[0]
+        tried.append((other, errors_of_shared(work, few, [other])))
+    glossy, matte = (_best_of([one for one in tried if one[0].assumed.glossy == yes]) for yes in (True, False))
+    return glossy[0] if _mean(glossy[1]) < _mean(matte[1]) else matte[0]
+
+
+def _mean(errors: Float[np.ndarray, " views"]) -> float:
+    """Return the mean of the errors of the views of which something was left out."""
+    known = errors[np.isfinite(errors)]
+    return float(known.mean()) if len(known) else np.inf
 
 
 def _best_of(
     tried: Sequence[tuple[ObjectModel, Float[np.ndarray, " views"]]],
 ) -> tuple[ObjectModel, Float[np.ndarray, " views"]]:
     """Return the first of some models with its errors, or the best one where that is clearly better."""
-    best = min(tried, key=lambda one: one[1].mean())
+    best = min(tried, key=lambda one: _mean(one[1]))
     return best if clearly_better(tried[0][1], best[1]) else tried[0]
 
 
-def errors_of_shared(work: TexelWork, sample: TexelTile, model: ObjectModel) -> Float[np.ndarray, " views"]:
-    """Return how far each view is from what a model fitted to others predicts."""
+def errors_of_shared(work: TexelWork, sample: TexelTile, models: Sequence[ObjectModel]) -> Float[np.ndarray, " views"]:
+    """Return the mean logarithm of how far each view is from what the models fitted to others predict."""
     seen = views_seen(sample)
 
     def program(block: TexelBlock, model: ObjectModel, seen: np.ndarray | None) -> tuple[Array, Array]:
@@ -80,12 +87,12 @@ def errors_of_shared(work: TexelWork, sample: TexelTile, model: ObjectModel) -> 
         state = lowest_state(seen_in(observed, np.asarray(seen) > 0.0), model)
         return _error_of_shared(observed, model, state), observed.counts
 
-    return _mean_of_views(*work.each(sample, program, [model], seen.astype(np.float32)), seen)
+    return _mean_of_views(*work.each(sample, program, models, seen.astype(np.float32)), seen)
 
 
 def own_exponents_predict_better(
     work: TexelWork,
-    model: ObjectModel,
+    models: Sequence[ObjectModel],
     sample: TexelTile,
     lobe: AbstractPowerLobe,
     fit: Callable[[TexelTile], Estimates],
@@ -94,7 +101,7 @@ def own_exponents_predict_better(
 
     Args:
         work: The robust fit.
-        model: Its model of the object.
+        models: Its models of the object's regions.
         sample: Texels.
         lobe: Lobe of the texels' own highlights.
         fit: Returns the estimates of texels with an n_s each.
@@ -110,19 +117,21 @@ def own_exponents_predict_better(
         observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
         return _error_of_own(observed, lobe, own), observed.counts
 
-    by_own = _mean_of_views(*work.each(sample, program, [model], numbers), seen)
-    return clearly_better(errors_of_shared(work, sample, model), by_own)
+    by_own = _mean_of_views(*work.each(sample, program, models, numbers), seen)
+    return clearly_better(errors_of_shared(work, sample, models), by_own)
 
 
 def clearly_better(errors: Float[np.ndarray, " views"], others: Float[np.ndarray, " views"]) -> bool:
     """Return whether the other errors are lower by more than chance, and by more than a few percent."""
-    gain = errors - others
+    gain = (errors - others)[np.isfinite(errors) & np.isfinite(others)]
+    if len(gain) < 2:
+        return False
     by_chance = np.std(gain) / np.sqrt(len(gain) - 1.0)
     return bool(gain.mean() > max(by_chance, MINOR))
 
 
 def fewer(sample: TexelTile) -> TexelTile:
-    """Return some texels of a sample."""
+    """Return at most one block of a sample, spread evenly."""
     return sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, BLOCK).astype(int)))
 
 
@@ -137,9 +146,10 @@ def _mean_of_views(
     counts: Bool[Array, "views texels"],
     seen: Bool[np.ndarray, "views texels"],
 ) -> Float[np.ndarray, " views"]:
-    """Return the mean error of each view over the observations that were left out."""
+    """Return the mean error of each view over the observations that were left out, NaN where there is none."""
     out = np.asarray(counts) & ~seen
-    return np.where(out, np.asarray(error), 0.0).sum(1) / np.maximum(out.sum(1), 1)
+    with np.errstate(invalid="ignore"):
+        return np.where(out, np.asarray(error), 0.0).sum(1) / out.sum(1)
 
 
 @jax.jit

@@ -26,7 +26,7 @@ from .robust_descent import DescentState, Weighing, around
 SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
 FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
 MIN_SAMPLES = 30  # observations, or texels, from which a median or a quantile is taken
-NO_OUTLIERS = 30.0  # factor of the scale at which a robust loss is squares for all residuals that occur
+NO_OUTLIERS = 30.0  # factor of the scale at which a robust loss is nearly squares for residuals of up to 20 misfits
 RIDGE = 1e-4  # added to curvatures: of a texel of level 1, and of the weights of the shape relative to their mean
 
 
@@ -65,8 +65,10 @@ class ObjectModel(eqx.Module):
     def weighing(self, level: Float[Array, " texels"]) -> Weighing:
         """Return what the residuals and k_s of texels of these levels are measured by."""
         scale = SHARPNESS * jnp.hypot(self.relative_misfit, self.absolute_misfit / level)
-        brightest = jnp.where(self.assumed.glossy, self.softness * SHARPNESS * self.brightest, NEGLIGIBLE)
-        return Weighing(self.softness * scale, (level / brightest) ** 2, self.loss)
+        unlikely = jnp.where(
+            self.assumed.glossy, level / (self.softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE
+        )
+        return Weighing(self.softness * scale, unlikely**2, self.loss)
 
     @property
     def softness(self) -> Array:
@@ -127,7 +129,7 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     S = np.tensordot(np.asarray(model.shape.weight), texels.powers, 1)
     seen = (texels.k_s * texels.level)[S.max(0) > MOST]
     brightest = max(float(np.quantile(seen, 1.0 - SMALL)), 1e-6) if len(seen) > MIN_SAMPLES else np.inf
-    shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
+    shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3) if model.assumed.glossy else model.shape
     numbers = relative, absolute, absolute / typical_level(np.asarray(texels.level)), brightest
     return ObjectModel(model.assumed, shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
 

@@ -36,7 +36,7 @@ from .block_fits import (
 from .choice import FIRST_ROUNDS, MATTE_NOTE, ROUNDS, best_model
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, note_on_lobe
-from .learning import ObjectModel, first_model, learned
+from .learning import Assumptions, ObjectModel, first_model, learned
 from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_of
 from .stated_errors import COLUMNS, SpreadColumns, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
@@ -84,18 +84,21 @@ class RobustRun(TexelWork):
         super().__init__(setup, known, loss, regions, tiles)
         self.neighbours, self.light_error = neighbours, light_error
 
-    def learn(self, sample: TexelTile) -> list[ObjectModel]:
-        """Return the model of the object, or that of each region, from a sample of its texels."""
+    def learn(self, sample: TexelTile, assumed: Assumptions | None = None) -> list[ObjectModel]:
+        """Return the model of the object, or that of each region, from a sample of its texels.
+
+        Args:
+            sample: Texels.
+            assumed: What is assumed of the object. By default it is chosen with Blinn's lobe; the scene's lobe is tried
+                where there is a highlight.
+        """
         report, given = self.tiles.report_progress, self.setup.lobe
+        few = sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
         self._take(Blinn())
-        whole = best_model(self, sample)
+        whole = best_model(self, sample) if assumed is None else self._from_nothing(few, assumed)
         if whole.assumed.glossy and not isinstance(given, Blinn):
-            few = sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
             self._take(given)
-            other = first_model(self.loss, whole.assumed)
-            for k in range(FIRST_ROUNDS):
-                report(f"learning the highlight, {type(given).__name__}:", (k + 1) / FIRST_ROUNDS)
-                other = learned(other, self.sample_at_minimum(few, other))
+            other = self._from_nothing(few, whole.assumed)
             if other.relative_misfit < MAX_MISFIT_RATIO * whole.relative_misfit:
                 whole = other
             else:
@@ -114,6 +117,14 @@ class RobustRun(TexelWork):
                     model = learned(model, self.sample_at_minimum(part, model))
             models.append(model)
         return models
+
+    def _from_nothing(self, few: TexelTile, assumed: Assumptions) -> ObjectModel:
+        whole = first_model(self.loss, assumed)
+        for k in range(FIRST_ROUNDS):
+            name = type(self.setup.lobe).__name__
+            self.tiles.report_progress(f"learning the highlight, {name}:", (k + 1) / FIRST_ROUNDS)
+            whole = learned(whole, self.sample_at_minimum(few, whole))
+        return whole
 
     def _take(self, lobe: AbstractPowerLobe) -> None:
         self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobe)

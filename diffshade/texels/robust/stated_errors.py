@@ -129,11 +129,12 @@ def _exponent_error(work: TexelWork, sample: TexelTile, model: ObjectModel, divi
 
     The powers of the shape are a factor of 2 apart, so that no n_s is known better than to a part of that.
     """
-    if np.isinf(float(model.brightest)) or not len(sample.pixels):
+    if not model.assumed.glossy or np.isinf(float(model.brightest)) or not len(sample.pixels):
         return np.inf
     changes = []
     for part in division.parts[: division.first]:
         of_part = eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & part[:, None])
         other = work.refined(model, of_part, rounds=2)
         changes.append(abs(np.log(other.shape.exponent / model.shape.exponent)))
-    return float(np.hypot(np.expm1(np.sqrt(division.first - 1.0) * max(changes)), SMALL))
+    typical = max(changes) if division.first == 2 else np.sqrt(np.mean(np.square(changes)))
+    return float(np.hypot(np.expm1(np.sqrt(division.first - 1.0) * typical), SMALL))

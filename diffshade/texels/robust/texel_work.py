@@ -92,7 +92,7 @@ class TexelWork:
         tile: TexelTile,
         program: Callable[[TexelBlock, ObjectModel, np.ndarray | None], T],
         models: Sequence[ObjectModel],
-        given: Float[np.ndarray, "3 n"] | None = None,
+        given: Float[np.ndarray, "_ n"] | None = None,
     ) -> T:
         """Return what a program gives for all texels of a tile, each by its region's model.
 

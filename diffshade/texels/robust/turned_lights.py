@@ -64,12 +64,12 @@ def note_on_turned_lights(work: TexelWork, models: Sequence[ObjectModel], sample
         observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
         return _matte(observed, model, lowest_state(observed, model))
 
-    texels = work.each(sample, program, models)
-    said = np.asarray(texels.toward).mean(-1).T
-    said = said / np.linalg.norm(said, axis=-1, keepdims=True)
-    found = np.stack([_seen_in(texels, v) for v in range(len(said))])
+    texels, said = work.each(sample, program, models), work.toward(sample)
+    lit = np.linalg.norm(said, axis=-1) > 0.0
+    found = np.stack([_seen_in(texels, v) if lit[v] else said[v] for v in range(len(said))])
     off = _angle(found, said)
-    far = np.flatnonzero(off > np.maximum(LEAST, FAR_MORE**2 * np.median(off)))
+    usual = float(np.median(off[lit])) if lit.any() else 0.0
+    far = np.flatnonzero(off > max(LEAST, FAR_MORE**2 * usual))
     return (Note(_in_words(far, found, said, off), "disagrees"),) if len(far) else ()
 
 
@@ -95,6 +95,7 @@ def _in_words(
     """Return which lights are off, and by how much, or that two photographs are swapped."""
     if len(far) == 2 and (_angle(found[far], said[far[::-1]]) < LEAST).all():
         return f"views[{far[0]}] and views[{far[1]}] each show the other's light: the photographs are swapped."
+    far = far[np.argsort(-off[far], kind="stable")]
     named = ", ".join(f"views[{v}] by {np.rad2deg(off[v]):.0f} degrees" for v in far[:MAX_NAMED])
     more = f", and {len(far) - MAX_NAMED} more" if len(far) > MAX_NAMED else ""
     return f"lights are not where they are said to be, by what the other photographs say: {named}{more}. Check them."
