@@ -26,7 +26,7 @@ from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .calibration import GROUPS
-from .learning import ObjectModel, every_assumption, first_model, learned
+from .learning import Assumptions, ObjectModel, every_assumption, first_model, learned
 from .observations import BlockObservations, observe
 from .robust_descent import DescentState
 from .texel_work import BLOCK, TexelWork
@@ -48,9 +48,8 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
         work: The fit.
         sample: Texels.
     """
-    few, model = fewer(sample), first_model(work.loss, every_assumption()[0])
-    for _ in range(FIRST_ROUNDS):
-        model = learned(model, work.sample_at_minimum(few, model))
+    few = fewer(sample)
+    model = from_nothing(work, few, every_assumption()[0])
     if len(sample.counts) < GROUPS:
         return model
     tried, every = [], every_assumption()
@@ -62,6 +61,15 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
         tried.append((other, errors_of_shared(work, few, [other])))
     glossy, matte = (_best_of([one for one in tried if one[0].assumed.glossy == yes]) for yes in (True, False))
     return glossy[0] if _mean(glossy[1]) < _mean(matte[1]) else matte[0]
+
+
+def from_nothing(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> ObjectModel:
+    """Return the model that some texels teach under some assumptions."""
+    model, name = first_model(work.loss, assumed), type(work.setup.lobe).__name__
+    for k in range(FIRST_ROUNDS):
+        work.tiles.report_progress(f"learning the highlight, {name}:", (k + 1) / FIRST_ROUNDS)
+        model = learned(model, work.sample_at_minimum(sample, model))
+    return model
 
 
 def _mean(errors: Float[np.ndarray, " views"]) -> float:

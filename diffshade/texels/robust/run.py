@@ -33,10 +33,10 @@ from .block_fits import (
     seen_by,
     shown_by,
 )
-from .choice import FIRST_ROUNDS, MATTE_NOTE, ROUNDS, best_model
+from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, note_on_lobe
-from .learning import Assumptions, ObjectModel, first_model, learned
+from .learning import Assumptions, ObjectModel, learned
 from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_of
 from .stated_errors import COLUMNS, SpreadColumns, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
@@ -95,10 +95,10 @@ class RobustRun(TexelWork):
         report, given = self.tiles.report_progress, self.setup.lobe
         few = sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
         self._take(Blinn())
-        whole = best_model(self, sample) if assumed is None else self._from_nothing(few, assumed)
+        whole = best_model(self, sample) if assumed is None else from_nothing(self, few, assumed)
         if whole.assumed.glossy and not isinstance(given, Blinn):
             self._take(given)
-            other = self._from_nothing(few, whole.assumed)
+            other = from_nothing(self, few, whole.assumed)
             if other.relative_misfit < MAX_MISFIT_RATIO * whole.relative_misfit:
                 whole = other
             else:
@@ -117,14 +117,6 @@ class RobustRun(TexelWork):
                     model = learned(model, self.sample_at_minimum(part, model))
             models.append(model)
         return models
-
-    def _from_nothing(self, few: TexelTile, assumed: Assumptions) -> ObjectModel:
-        whole = first_model(self.loss, assumed)
-        for k in range(FIRST_ROUNDS):
-            name = type(self.setup.lobe).__name__
-            self.tiles.report_progress(f"learning the highlight, {name}:", (k + 1) / FIRST_ROUNDS)
-            whole = learned(whole, self.sample_at_minimum(few, whole))
-        return whole
 
     def _take(self, lobe: AbstractPowerLobe) -> None:
         self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobe)
