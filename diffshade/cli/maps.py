@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from ..core.thresholds import MOST
 from ..core.words import with_names
 from .sources import LOSSES, ROOM, VIEWS, Options, Source, by_name, with_options
 from .terminal import SETTINGS, Names, OneOf, answer, with_json
@@ -20,10 +20,12 @@ if TYPE_CHECKING:
     import diffshade as ds
 
 FREE = ("k_d", "k_s", "n_s")
+MISPREDICTED = MOST / 2.0  # relative error of predictions that is much: most objects have a tenth
+CAUSES = (
+    "That is much. Check whether the lights are where they are said to be, whether the files are sRGB or linear, and "
+    "whether the camera moved or its exposure changed; of metal and deep things even many photographs leave as much."
+)
 BANDS = "bands.html"  # the page of the bands, in the folder of the maps
-
-
-_LOGGER = logging.getLogger("diffshade")
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade texels photographs -o maps --suffix .png")
@@ -41,6 +43,9 @@ _LOGGER = logging.getLogger("diffshade")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
 @click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")
 @click.option(
+    "--no-exposure", "as_exposed", is_flag=True, help="Exposures and white balance are as they are said to be"
+)
+@click.option(
     "--light-error", type=float, metavar="DEGREES", help="Error of the lights  [default: the folder's, or none]"
 )
 @click.option("--hold-out", type=int, metavar="N", help="Leave out and predict every N-th photograph")
@@ -53,6 +58,7 @@ def texels(
     out: Path,
     shared: bool,
     alone: bool,
+    as_exposed: bool,
     hold_out: int | None,
     bands: bool,
     heights: bool,
@@ -75,7 +81,9 @@ def texels(
             response = _response(found.scene, [found.views[i] for i in seen])
             sensor = response.views[0].sensor
             found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
-        fit = TexelFit(found, typed, free, seen, out, shared=shared, neighbours=not alone, bands=bands)
+        fit = TexelFit(
+            found, typed, free, seen, out, shared, neighbours=not alone, match_exposures=not as_exposed, bands=bands
+        )
         maps, made = fit.maps()
     maps = replace(maps, notes=tuple(with_names(note, names) for note in maps.notes))  # as its page names them, too
     maps.describe(out)
@@ -161,21 +169,18 @@ class TexelFit:
     out: Path
     shared: bool
     neighbours: bool
+    match_exposures: bool
     bands: bool
 
     def maps(self) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
-        """Return the maps, and the bands; without the folder's errors of the lights where these cannot be used."""
-        from ..texels.checks import UnsuitedLights
+        """Return the maps, and the bands."""
+        import diffshade as ds
 
-        try:
-            return self._fitted(self._light_error())
-        except UnsuitedLights:
-            if self.typed.light_error is not None:  # asked for by hand
-                raise
-            _LOGGER.warning(
-                "the errors in light_errors.txt are not used: under these lights texels do not share a highlight."
-            )
-            return self._fitted(None)
+        views = [self.found.views[i] for i in self.seen]
+        if not self.bands:
+            return self._fit_some(views), None
+        made = ds.fit_bands(self._fit_some, views)
+        return cast("ds.TexelMaps", made.result), made
 
     def _light_error(self) -> Any:
         """Return the errors of the lights: as asked for, or the folder's where they can be used."""
@@ -184,22 +189,14 @@ class TexelFit:
             return asked
         return errors[list(self.seen)]
 
-    def _fitted(self, error: Any) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
-        import diffshade as ds
-
-        views = [self.found.views[i] for i in self.seen]
-        if not self.bands:
-            return self._fit_some(views, error), None
-        made = ds.fit_bands(lambda some: self._fit_some(some, error), views)
-        return cast("ds.TexelMaps", made.result), made
-
-    def _fit_some(self, views: Sequence[ds.View], error: Any) -> ds.TexelMaps:
+    def _fit_some(self, views: Sequence[ds.View]) -> ds.TexelMaps:
         import numpy as np
 
         import diffshade as ds
 
         every = self.found.views
         which = [k for k, i in enumerate(self.seen) if any(every[i] is view for view in views)]
+        error = self._light_error()
         memory: dict[str, Any] = {} if self.typed.memory is None else {"memory": int(self.typed.memory * 1e9)}
         return ds.fit_texels(
             self.found.scene,
@@ -208,6 +205,7 @@ class TexelFit:
             loss=self.typed.loss,
             regions=np.zeros(every[0].camera.shape, int) if self.shared else None,
             neighbours=self.neighbours,
+            match_exposures=self.match_exposures,
             light_error=error[which] if np.ndim(error) else error,
             out=self.out if len(which) == len(self.seen) else None,
             progress=True,
@@ -234,10 +232,15 @@ def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
     dark = [name for name, error in zip(names, relative, strict=True) if np.isnan(error)]
     if len(dark) == len(names):
         return f"left out: {listing(dark)}, which show no light to be predicted"
-    worst = int(np.nanargmax(relative))
+    worst, typical = int(np.nanargmax(relative)), np.nanmedian(relative)
+    said = (
+        f"left out: {count(len(names), 'photograph')}, predicted with a relative error of {typical:.1%} in the median, "
+        f"{np.nanmean(relative):.1%} in the mean, {relative[worst]:.1%} at most ({names[worst]})"
+    )
     return (
-        f"left out: {count(len(names), 'photograph')}, predicted with a relative error of {np.nanmedian(relative):.1%} "
-        f"in the median, {np.nanmean(relative):.1%} in the mean, {relative[worst]:.1%} at most ({names[worst]})"
+        said
+        if typical < MISPREDICTED
+        else f"{said}: these maps do not tell what it looks like under other lights. {CAUSES}"
     )
 
 

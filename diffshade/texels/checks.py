@@ -20,6 +20,7 @@ from ..model.fresnel import NoFresnel
 from ..model.lobes import EXPONENT_RANGE, AbstractPowerLobe
 from ..model.rendering import select
 from ..model.scenes import Scene, check_positions, check_shapes
+from .lighting import LightErrors
 from .prediction import COEFFICIENTS
 
 FREE = (*COEFFICIENTS, "n_s", "normal")
@@ -52,14 +53,8 @@ def checked(
     return free
 
 
-class UnsuitedLights(ValueError):
-    """The lights do not let all texels share a highlight, which stated errors of the lights need."""
-
-
-def checked_light_error(
-    light_error: ArrayLike, views: int, free: tuple[str, ...], loss: str | None
-) -> Float[np.ndarray, "views 3 3"]:
-    """Return a root of the covariance of the direction to each view's lights; raise ValueError for a wrong error."""
+def checked_light_error(light_error: ArrayLike, views: int, free: tuple[str, ...], loss: str | None) -> LightErrors:
+    """Return how well the lights are known, their brightness exactly; raise ValueError for a wrong error."""
     given = float64_of("light_error", light_error)
     if given.shape == (views, 3, 3):
         root = _roots(given)
@@ -75,7 +70,7 @@ def checked_light_error(
             f"light_error needs k_d, k_s, n_s and normal free alone, and a robust loss; got free={free}, "
             f"loss={loss!r}. Free them, or leave light_error out."
         )
-    return root
+    return LightErrors(root, np.zeros(views))
 
 
 def _in_short(given: np.ndarray) -> str:

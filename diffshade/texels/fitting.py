@@ -8,6 +8,7 @@ import logging
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,9 +27,11 @@ from ..inverse.fitting import check_scale
 from ..io.scene_files import scene_document
 from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
-from .checks import UnsuitedLights, check_anything_left, checked, checked_light_error
+from .checks import check_anything_left, checked, checked_light_error
 from .conventions import other_light_convention
 from .light_directions import note_on_normals
+from .lighting import Exposures, LightErrors
+from .lights.exposures import Taught, errors_with, found_exposures, notes_on, undone
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
@@ -37,11 +40,27 @@ from .robust.turned_lights import note_on_turned_lights
 from .run import TexelRun
 from .status import DETERMINED, NO_HIGHLIGHT, UNDETERMINED
 from .tile_runner import TileRunner
-from .tiles import LEARNING_SAMPLE
+from .tiles import LEARNING_SAMPLE, ViewReader
 
 _LOGGER = logging.getLogger("diffshade")
 MEMORY = 1 << 28  # bytes of the photographs that are read at once
 SHARED = {"k_d", "k_s", "n_s", "normal"}  # what is free where texels may share a highlight
+UNUSED = Note(
+    "the errors of the lights are not in those of the normals: under lights in one plane, or without one of the "
+    "channels, texels do not share a highlight.",
+    "light error",
+)
+
+
+class Choices(NamedTuple):
+    """What is fitted, and how, by the names of the arguments of `fit_texels`."""
+
+    free: tuple[str, ...]
+    loss: str | None
+    regions: Int[np.ndarray, " pixels"] | None
+    neighbours: bool
+    light_error: LightErrors | None
+    match_exposures: bool
 
 
 def fit_texels(
@@ -53,6 +72,7 @@ def fit_texels(
     loss: str | None = None,
     neighbours: bool = True,
     light_error: Float[ArrayLike, " views"] | Float[ArrayLike, "views 3 3"] | float | None = None,
+    match_exposures: bool = True,
     out: str | os.PathLike[str] | None = None,
     memory: int = MEMORY,
     mesh: Mesh | None = None,
@@ -101,8 +121,11 @@ def fit_texels(
             read with 5 rows of their neighbours.
         light_error: Standard deviation of the directions of the lights about each axis, degrees: one number, or one
             for each view; or the covariance of the unit vector to each view's light, (views, 3, 3), scene coordinates,
-            squared radians. The errors of the normals then contain it, and all texels share a highlight. By default the
-            lights are taken to be exact.
+            squared radians. The errors of the normals then contain it, and all texels share a highlight; where the
+            lights do not allow that, a note says so. By default the lights are taken to be exact.
+        match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
+            are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
+            is done where the object shows it, by 15 % in one photograph or 5 % in a colour; a note says so.
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`, with the scene and
             the camera, so that `read_maps` reads them back. The same call resumes from it, whenever it was stopped. By
             default the maps stay in memory.
@@ -130,7 +153,7 @@ def fit_texels(
     sensor = views[0].sensor
     one_sensor = all(eqx.tree_equal(view.sensor, sensor) for view in views)
     views = tuple(map(developed, views))
-    light_error = None if light_error is None else checked_light_error(light_error, len(views), free, loss)
+    known = None if light_error is None else checked_light_error(light_error, len(views), free, loss)
     if out is not None:
         scene_document(scene, views[0].camera)  # refuses what could not be written beside the maps
     check_backend()
@@ -140,49 +163,34 @@ def fit_texels(
         showing("texels", show=progress) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
-        choices = (free, region_of, loss, neighbours, light_error)
+        choices = Choices(free, loss, region_of, neighbours, known, match_exposures)
         problem = "" if out is None else fingerprint(FORMAT, scene, views, *choices)
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
         with contextlib.closing(tiles):
-            maps = _fit(scene, views, free, loss, region_of, tiles, neighbours=neighbours, light_error=light_error)
+            maps = _fit(scene, views, choices, tiles)
     if sensor is not None and one_sensor:
         maps = dataclasses.replace(maps, sensor=sensor)
     if any(isinstance(note, Note) and note.kind == "cause" for note in maps.notes):
         known = (maps.status == DETERMINED) | (maps.status == NO_HIGHLIGHT)
         maps = dataclasses.replace(maps, status=np.where(known, UNDETERMINED, maps.status).astype(np.uint8))
-    elif maps.sensor is None:
-        return maps
-    if out is not None:
-        maps.describe(Path(out))
+    if tiles.store.folder is not None and tiles.store.first:
+        maps.describe(tiles.store.folder)
     return maps
 
 
-def _fit(
-    scene: Scene,
-    views: Sequence[View],
-    free: tuple[str, ...],
-    loss: str | None,
-    regions: Int[np.ndarray, " pixels"] | None,
-    tiles: TileRunner,
-    *,
-    neighbours: bool,
-    light_error: Float[np.ndarray, "views 3 3"] | None,
-) -> TexelMaps:
+def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunner) -> TexelMaps:
     """Fit each texel by itself, or all with the highlight that they share, where that predicts photographs better."""
+    free, loss, regions, neighbours, light_error, match_exposures = choices
     each = TexelRun(scene, views, free, loss or "squares", regions, tiles)
     if "normal" not in free:
         return each.maps(None, ())
     lights = each.lights()
     other = other_light_convention(scene, views, tiles.reader, each.typical_sample)
-    notes = tuple(note for note in (note_on_normals(lights), other) if note is not None)
+    unsuited = lights.coplanar > MOST or _lacks_a_channel(scene, views)
+    unused = UNUSED if unsuited and light_error is not None else None
+    notes = tuple(note for note in (note_on_normals(lights), other, unused) if note is not None)
     for text in notes:
         _LOGGER.warning(text)  # before the work begins
-    unsuited = lights.coplanar > MOST or _lacks_a_channel(scene, views)
-    if unsuited and light_error is not None:
-        raise UnsuitedLights(
-            "light_error needs white or coloured lights of all three channels that leave one plane, so that all texels "
-            "can share a highlight; these do not. Leave light_error out."
-        )
     few = len(views) < GROUPS and light_error is None
     if set(free) != SHARED or loss == "squares" or unsuited or few:
         return each.maps(lights, notes)
@@ -193,6 +201,14 @@ def _fit(
     check_anything_left(np.ones(len(sample.pixels)))
     models = run.learn(sample)
     if other is None:
+        found = found_exposures(scene, views, Taught(run, models, sample), light_error) if match_exposures else None
+        if isinstance(found, Exposures):
+            moved = undone(found, scene, views)
+            tiles.reader = ViewReader(*moved)
+            known = choices._replace(match_exposures=False, light_error=errors_with(found, light_error))
+            maps = _fit(*moved, known, tiles)
+            return dataclasses.replace(maps, notes=(*notes_on(found, scene, views), *maps.notes), exposures=found)
+        notes = notes if found is None else (*notes, found)
         notes = (*notes, *note_on_turned_lights(run, models, sample))
     if light_error is None and own_exponents_predict_better(run, models, sample, each.setup.lobe, each.estimates):
         return each.maps(lights, notes)

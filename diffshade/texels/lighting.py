@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,6 +16,26 @@ from ..model.lights import AbstractEmitter
 from ..model.lobes import AbstractPowerLobe
 from ..model.reflection import stacked_emitters
 from ..model.scenes import Scene, light_kinds, stack_scene
+
+
+class LightErrors(NamedTuple):
+    """How well the light of each view is known."""
+
+    direction: Float[np.ndarray, "views 3 3"]
+    """A root of the covariance of the unit vector to it."""
+    brightness: Float[np.ndarray, " views"]
+    """Relative standard deviation."""
+
+
+class Exposures(NamedTuple):
+    """How much more each photograph shows than its exposure says, found from all texels of an object, and undone."""
+
+    factor: Float[np.ndarray, "views channels"]
+    """1 on average."""
+    error: Float[np.ndarray, " views"]
+    """Relative standard error, which the channels share."""
+    directions: Float[np.ndarray, "views 3"]
+    """Unit vectors to the light of each view, as found together with the exposures."""
 
 
 class LightingSetup(eqx.Module):

@@ -13,6 +13,7 @@ from ..inverse.data.sensors import Sensor, Vignetting
 from ..io.arrays import read_array
 from ..io.images import read_image
 from ..io.scene_files import read_camera, read_scene
+from .lighting import Exposures
 from .map_files import read_numbers
 from .maps import ABOUT, FORMAT, LIGHTS, SCENE, STATUS_PICTURE, WEIGHTS, SharedHighlight, TexelMaps
 from .status import STATUS
@@ -104,7 +105,14 @@ def _maps(folder: Path, about: dict[str, Any], scene: Any, camera: Any) -> Texel
         _highlights(folder, about.get("highlight", ()), shape),
         _unexplained(folder, about["unexplained"], shape) if "unexplained" in about else None,
         _sensor(about["sensor"]) if "sensor" in about else None,
+        Exposures(*(np.array(about["exposures"][name]) for name in Exposures._fields))
+        if "exposures" in about
+        else None,
     )
+
+
+def _exposures(about: dict[str, Any]) -> Exposures:
+    return Exposures(*(np.array(about[name], np.float64) for name in Exposures._fields))
 
 
 def _sensor(about: dict[str, float]) -> Sensor:

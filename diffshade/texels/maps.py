@@ -30,6 +30,7 @@ from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight
 from ..model.rendering import intersect, render, select
 from ..model.scenes import Scene, as_tuple
+from .lighting import Exposures
 from .map_files import map_folder, read_numbers, write_about, write_numbers
 from .predictions import prediction_of, relative_error
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
@@ -62,9 +63,7 @@ class SharedHighlight(NamedTuple):
 class TexelMaps:
     """Maps of the numbers of a material, their standard errors, and a status for each texel, from `fit_texels`.
 
-    Row 0 is on top; all numbers are float32.
-
-    A texel has one of these statuses, the indices of `TexelMaps.STATUS`:
+    Row 0 is on top; all numbers are float32. A texel has one of these statuses, the indices of `TexelMaps.STATUS`:
 
     - outside: no view shows the object there.
     - determined: everything that was free is known.
@@ -87,22 +86,21 @@ class TexelMaps:
     Attributes:
         values: k_a, k_d and k_s with a channel for each of the photographs, n_s with one, the normal as a unit vector.
         errors: Standard errors, that of the normal in degrees; infinite where nothing is known, 0 outside. They hold
-            the truth about 68 % of the time. Where each texel was fitted by itself they are made to hold up to five of
-            them, farther than the curvature at the minimum reaches: where k_s, say, has no upper bound, its error is
-            many times itself. Where all texels share a highlight they contain what the model leaves out.
+            the truth about 68 % of the time; where k_s, say, has no upper bound, its error is many times itself. Where
+            all texels share a highlight they contain what the model leaves out.
         status: Index into `TexelMaps.STATUS`.
         residual: Root mean square of the residuals, in the photographs' units, or in those of their noise where that
             is known.
         scene: The scene of the fit.
         camera: The camera of the views.
-        notes: What the lights leave undetermined, as was reported before the fit, and photographs that disagree with
-            the others.
+        notes: What the lights leave undetermined, and photographs that disagree with the others.
         times_95: How many errors hold the truth 95 % of the time, by name, where all texels share a highlight.
         highlights: The powers that a shared highlight consists of; none where each texel has its own. The map of n_s
             then has the single power that is half as bright as its peak at the same angle.
         unexplained: What the photographs show beyond the model, where all texels share a highlight and where it can be
             foretold from one light to another.
         sensor: What the camera of all photographs did to the light; None where the views had no `Sensor`, or several.
+        exposures: How much more each photograph shows than its exposure says, which was undone; None where it was not.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -116,6 +114,7 @@ class TexelMaps:
     highlights: tuple[SharedHighlight, ...] = ()
     unexplained: Unexplained | None = None
     sensor: Sensor | None = None
+    exposures: Exposures | None = None
 
     STATUS = STATUS
 
@@ -257,9 +256,9 @@ class TexelMaps:
           is kept of a texel, and the weight of each number in its light.
         - `highlight_weights.npy`, where regions have different highlights.
         - `maps.toml`, written last: the format, the names of the maps, the levels of the status, the units, the notes,
-          how many errors hold the truth 95 % of the time, the powers of the highlight (`weight` is a number, or names
-          the file that has one for each pixel), the width within which unexplained light is alike, and the scales of
-          PNGs.
+          how many errors hold the truth 95 % of the time, the exposures that were found, the powers of the highlight
+          (`weight` is a number, or names the file that has one for each pixel), the width within which unexplained
+          light is alike, and the scales of PNGs.
 
         Args:
             folder: The folder; it is made if it does not exist.
@@ -352,6 +351,8 @@ class TexelMaps:
             about["scale"] = dict(scales)
         if self.sensor is not None:
             about["sensor"] = {".".join(map(str, keys)): float(value) for keys, value, _ in quantities(self.sensor)}
+        if self.exposures is not None:
+            about["exposures"] = {name: np.asarray(of).tolist() for name, of in self.exposures._asdict().items()}
         return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:
@@ -369,16 +370,17 @@ class TexelMaps:
 
     @property
     def columns(self) -> dict[str, Any]:
-        """The columns of the table of percentiles and median errors, by their heads."""
-        rows = []
+        """Percentiles and median errors where a map is known, at a `share` of the texels; then the error of all."""
+        rows, inside = [], self.status != OUTSIDE
         for name, value in self.values.items():
             where, errors = self.trusted(name), self.errors[name]
             for c in range(errors.shape[2] if where.any() else 0):
-                error = np.median(errors[where, c])
+                error, of_all = np.median(errors[where, c]), np.median(errors[inside, c])
                 label = "normal (degrees)" if name == "normal" else f"{name}.{'rgb'[c]}" if value.shape[2] > 1 else name
                 spread = [np.nan] * 3 if name == "normal" else np.percentile(value[where, c], (5, 50, 95))
-                rows.append((label, *cells([*spread, error, self._times_95(name) * error], error)))
-        heads = "map", "5 %", "median", "95 %", "error", "error, 95 %"
+                known = cells([*spread, error, self._times_95(name) * error], error)
+                rows.append((label, f"{where.sum() / inside.sum():.0%}", *known, *cells([of_all], of_all)))
+        heads = "map", "share", "5 %", "median", "95 %", "error", "error, 95 %", "error, all"
         return dict(zip(heads, zip(*rows, strict=True), strict=False))
 
     def __str__(self) -> str:

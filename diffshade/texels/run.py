@@ -117,10 +117,7 @@ class TexelRun:
         store.wait_for_all()
         check_anything_left(arrays.arrays["status"])
         status, residual = (store.read(name)[..., 0] for name in ("status", "residual"))
-        maps = TexelMaps(arrays.values(), arrays.errors(), status, residual, self.scene, reader.camera, notes)
-        if store.folder is not None and store.first:
-            maps.describe(store.folder)
-        return maps
+        return TexelMaps(arrays.values(), arrays.errors(), status, residual, self.scene, reader.camera, notes)
 
     def _fit_to_the_end(
         self,

@@ -123,7 +123,7 @@ def test_every_texel_has_a_status(ball, maps):
     lines = str(found).splitlines()
     assert lines[0].startswith(f"maps of {ball.mask.sum()} texels, 32 x 32")
     assert next(line for line in lines if "no highlight" in line).split()[3] == str(rim.sum())
-    assert float(next(line for line in lines if line.startswith("k_d.r")).split()[2]) == pytest.approx(
+    assert float(next(line for line in lines if line.startswith("k_d.r")).split()[3]) == pytest.approx(
         np.median(found.values["k_d"][..., 0][found.known]), rel=1e-3
     )
 

@@ -57,6 +57,7 @@ def check(material: str, count: int, cone: float, **how) -> None:
     seam, far = jumps(found, of.normal, of.mask), float(np.mean(off[sure] > 10.0)) if sure.any() else 0.0
     numbers = (off.mean(), plain, trimmed, seam, held.mean(), far)
     print(material, count, cone, how, *(f"{number:.3f}" for number in numbers))
+    assert maps.exposures is None  # they were as the views say
     best = min(plain, trimmed)
     assert off.mean() <= max(best + 0.3, 1.05 * best)
     assert far <= 0.01

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
@@ -32,7 +31,8 @@ from ..tile_runner import TileRunner
 from ..tiles import LEARNING_SAMPLE
 from .encoding import MIN_PHOTOGRAPHS
 from .found import FoundLights, notes_on
-from .refining import LOOSE, LightEstimates, Refined, Stated, refine
+from .placing import LightEstimates, directions_to, scene_with
+from .refining import LOOSE, Refined, Stated, refine
 from .uncalibrated import find_uncalibrated
 
 _LOGGER = logging.getLogger("diffshade")
@@ -90,7 +90,7 @@ def find_lights(
     with showing("lights", show=progress) as report_progress, in_float64((scene, views)) as (scene, views):
         used, index = np.unique(light_of, return_inverse=True)
         middle = middle_of(scene)
-        given = LightEstimates(_directions(scene, used, middle), np.ones(len(used)))
+        given = LightEstimates(directions_to(scene, used, middle), np.ones(len(used)))
         tiles = TileRunner(scene, views, "", report_progress, out=None, memory=MEMORY, mesh=None)
         with contextlib.closing(tiles):
             sample = tiles.reader.sample(LEARNING_SAMPLE)
@@ -103,7 +103,7 @@ def find_lights(
                     return _unmoved(scene, used, light_of, given, middle, other)
             else:
                 begin = LightEstimates(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
-            placed = _with(scene, used, begin, middle)
+            placed = scene_with(scene, used, begin, middle)
             each = TexelRun(placed, views, FREE, "cauchy", None, tiles)
             if error is not None and each.lights().coplanar > MOST:
                 raise ValueError(
@@ -115,7 +115,7 @@ def find_lights(
                 begin.directions, np.full(len(used), LOOSE[0]) if error is None else error[used], brighter[used]
             )
             found = refine(
-                lambda lamps: _with(scene, used, lamps, middle), views, run, sample, index, stated, report_progress
+                lambda lamps: scene_with(scene, used, lamps, middle), views, run, sample, index, stated, report_progress
             )
         return _result(scene, found, used, light_of, given, stated, middle, known=error is not None)
 
@@ -155,7 +155,7 @@ def _result(
         spread=float(np.std(np.log(lamps.gain))),
     )
     return FoundLights(
-        _with(scene, used, lamps, middle),
+        scene_with(scene, used, lamps, middle),
         of_all(lamps.directions, np.nan),
         of_all(np.hypot(own, shared) if known else np.full(len(used), np.inf), np.inf),
         of_all(own, np.inf),
@@ -226,32 +226,3 @@ def _errors(name: str, given: ArrayLike, lights: int, example: float) -> Float[n
             f"{name} must be 0 for all lights or above 0 for all; got {given}. Give exact ones a small error."
         )
     return each
-
-
-def _directions(
-    scene: Scene, used: Int[np.ndarray, " used"], middle: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "lights 3"]:
-    """Return unit vectors from the middle of the object towards lights."""
-    found = []
-    for i in used:
-        light: Any = scene.lights[i]
-        found.append(np.asarray(light.position) - middle if light.is_local else -np.asarray(light.direction))
-    towards = np.array(found, np.float64)
-    return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
-
-
-def _with(scene: Scene, used: Int[np.ndarray, " used"], lamps: LightEstimates, middle: Float[np.ndarray, "3"]) -> Scene:
-    """Return the scene with lights in these directions, each as far away as before."""
-    lights = list(scene.lights)
-    for i, towards, gain in zip(used, lamps.directions, lamps.gain, strict=True):
-        light: Any = lights[i]
-        place = -towards
-        if light.is_local:
-            place = middle + np.linalg.norm(np.asarray(light.position) - middle) * towards
-        where = "position" if light.is_local else "direction"
-        lights[i] = eqx.tree_at(
-            lambda one, where=where: (getattr(one, where), one.intensity),
-            light,
-            (place, gain * np.asarray(light.intensity)),
-        )
-    return eqx.tree_at(lambda s: s.lights, scene, tuple(lights))

@@ -6,7 +6,7 @@ the logarithm of its intensity): normal equations of the shape of an arrow, as i
 
 $$ S = A - \sum_t C_t^T H_t^{-1} C_t $$
 
-is small, three numbers a light.
+is small, three numbers a light. Where directions are known, a light has one: the logarithm of its intensity.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class Responses(NamedTuple):
     """Of the loss, over its squared scale."""
     by_texel: Float[Array, "4 views texels"]
     """Derivatives by both tilts of the normal, k_d and k_s."""
-    by_light: Float[Array, "3 views texels"]
-    """Derivatives by both tilts of the light and the logarithm of its intensity."""
+    by_light: Float[Array, "numbers views texels"]
+    """Derivatives by both tilts of the light, so far as they are asked for, and the logarithm of its intensity."""
     curvature: Float[Array, "4 texels"]
     """What is known of the texel's numbers beside its observations."""
     pull: Float[Array, "4 texels"]
@@ -59,7 +59,8 @@ def responses(
     """Return how the observations of a block answer at the minimum of each texel.
 
     Args:
-        setups: The lights; and with each of them tilted by `TILT` along one of its tangents, and along the other.
+        setups: The lights; and, for derivatives by their tilts, with each of them tilted by `TILT` along one of its
+            tangents, and along the other.
         known: The coefficients that are not fitted.
         block: The texels.
         model: What the texels have in common.
@@ -101,8 +102,8 @@ def _responses(
 class LightEquations(NamedTuple):
     """The normal equations of the lights, with all texels eliminated."""
 
-    S: Float[np.ndarray, "3*lights 3*lights"]
-    gradient: Float[np.ndarray, "cells 3*lights"]
+    S: Float[np.ndarray, "numbers*lights numbers*lights"]
+    gradient: Float[np.ndarray, "cells numbers*lights"]
     """By each cell of the image."""
 
 
@@ -118,7 +119,8 @@ def light_equations(
         cell: Cell of the image that each texel lies in.
         cells: Number of cells.
     """
-    S, gradient = np.zeros((lights, 3, lights, 3)), np.zeros((cells, lights, 3))
+    numbers = len(texels.by_light)
+    S, gradient = np.zeros((lights, numbers, lights, numbers)), np.zeros((cells, lights, numbers))
     on = np.eye(lights)[light_of]  # (views, lights)
     for start in range(0, len(cell), BLOCK):
         of = jax.tree.map(lambda leaf, start=start: np.asarray(leaf[..., start : start + BLOCK], np.float64), texels)
@@ -126,12 +128,12 @@ def light_equations(
         H = np.einsum("ivt,jvt->tij", weighted, of.by_texel, optimize=True)
         H[:, range(4), range(4)] += of.curvature.T
         g = np.einsum("ivt,vt->ti", weighted, of.residual) + of.pull.T
-        side = np.einsum("vl,avt,ivt->tila", on, of.by_light, weighted, optimize=True).reshape(len(H), 4, 3 * lights)
+        side = np.einsum("vl,avt,ivt->tila", on, of.by_light, weighted, optimize=True).reshape(len(H), 4, -1)
         _, _, of_matrix, of_right = eliminate(np.linalg.inv(H), side, g[..., None])
         S -= of_matrix.reshape(S.shape)
         A = np.einsum("vl,avt,bvt,vt->lab", on, of.by_light, of.by_light, of.weight, optimize=True)
         S[range(lights), :, range(lights)] += A
         own = np.einsum("vl,avt,vt,vt->tla", on, of.by_light, of.weight, of.residual, optimize=True)
         np.add.at(gradient, cell[start : start + BLOCK], own - of_right.reshape(own.shape))
-    S = S.reshape(3 * lights, 3 * lights)
+    S = S.reshape(numbers * lights, numbers * lights)
     return LightEquations(0.5 * (S + S.T), gradient.reshape(cells, -1))

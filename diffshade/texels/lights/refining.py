@@ -28,6 +28,7 @@ from ..robust.learning import ObjectModel, every_assumption, learned
 from ..robust.run import RobustRun
 from ..tiles import TexelTile
 from .joint import TILT, LightEquations, Responses, light_equations, responses
+from .placing import LightEstimates
 
 ROUNDS = 20
 LONGEST_STEP = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
@@ -43,13 +44,6 @@ class Stated(NamedTuple):
     """Standard deviation of each direction about each axis, radians; 0 where it is exact."""
     intensity_error: Float[np.ndarray, " lights"]
     """Relative standard deviation of each intensity: 0 where it is exact, infinite where nothing is known."""
-
-
-class LightEstimates(NamedTuple):
-    """Lights: unit directions towards them, and how much brighter they are than the scene says."""
-
-    directions: Float[np.ndarray, "lights 3"]
-    gain: Float[np.ndarray, " lights"]
 
 
 class Refined(NamedTuple):

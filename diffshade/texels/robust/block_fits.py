@@ -18,7 +18,7 @@ from ..between_lights import BetweenLights
 from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..light_directions import out_of_plane, scatter
-from ..lighting import LightingSetup
+from ..lighting import LightErrors, LightingSetup
 from ..linear_systems import inverse_diagonal, solve
 from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
@@ -93,7 +93,7 @@ def normals_of(
     known: KnownCoefficients,
     block: TexelBlock,
     model: ObjectModel,
-    light_error: Float[Array, "views 3 3"] | None,
+    light_error: LightErrors | None,
 ) -> Normals:
     """Return the normals of a block.
 
@@ -102,7 +102,7 @@ def normals_of(
         known: The coefficients that are not fitted.
         block: The texels.
         model: What the object's texels have in common.
-        light_error: A root of the covariance of the direction to each view's lights.
+        light_error: How well each view's lights are known; None where exactly.
     """
     observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     return _with_spread(setup, block, observed, model, lowest_two(observed, model), light_error)
@@ -115,7 +115,7 @@ def _with_spread(
     observed: BlockObservations,
     model: ObjectModel,
     both: DescentState,
-    light_error: Float[Array, "views 3 3"] | None,
+    light_error: LightErrors | None,
 ) -> Normals:
     """Return the normals of a block at their lowest minima, and what their errors follow from."""
     state, other = (jax.tree.map(lambda leaf, i=i: leaf[i], both) for i in range(2))
@@ -199,23 +199,24 @@ def _by_lights(
     A: list[list[Array]],
     J: tuple[Array, ...],
     weight: Array,
-    light_error: Float[Array, "views 3 3"],
+    light_error: LightErrors,
 ) -> Float[Array, " texels"]:
-    """Return the standard deviation of the normals about each axis that follows from the directions of the lights."""
+    """Return the standard deviation of the normals about each axis that follows from the errors of the lights."""
     lights = observed.lights
 
     def shown(l: Vec3) -> Array:
         D, S = eqx.tree_at(lambda one: one.l, lights, l).shading(shape, state.n)
         return state.k_d[None] * D + state.k_s[None] * S
 
-    B = [[jnp.zeros_like(state.k_d) for _ in range(4)] for _ in range(4)]
     whole = jax.tree.map(lambda c: jnp.broadcast_to(c, jnp.broadcast_shapes(c.shape, state.k_d.shape)), lights.l)
+    changes = [shown(whole) * jnp.asarray(light_error.brightness, whole.x.dtype)[:, None]]
     for column in range(3):
-        error = Vec3(*(jnp.asarray(light_error[:, i, column], whole.x.dtype)[:, None, None] for i in range(3)))
+        root = light_error.direction[:, :, column]
+        error = Vec3(*(jnp.asarray(root[:, i], whole.x.dtype)[:, None, None] for i in range(3)))
         turn = error - whole * dot(error, whole)  # the vector stays of length 1
-        _, change = jax.jvp(shown, (whole,), (turn,))
-        pull = (weight * change) ** 2
-        B = [[B[i][j] + jnp.sum(pull * J[i] * J[j], 0) for j in range(4)] for i in range(4)]
+        changes.append(jax.jvp(shown, (whole,), (turn,))[1])
+    pull = sum((weight * change) ** 2 for change in changes)
+    B = [[jnp.sum(pull * J[i] * J[j], 0) for j in range(4)] for i in range(4)]
     columns = [solve(A, [row[j] for row in B]) for j in range(4)]  # A^-1 B
     rows = [solve(A, [columns[j][i] for j in range(4)]) for i in range(2)]  # its first two rows, times A^-1
     return jnp.sqrt(jnp.maximum(rows[0][0] + rows[1][1], 0.0) / 2.0)

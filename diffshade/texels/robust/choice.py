@@ -60,7 +60,7 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
             other = learned(other, work.sample_at_minimum(few, other))
         tried.append((other, errors_of_shared(work, few, [other])))
     glossy, matte = (_best_of([one for one in tried if one[0].assumed.glossy == yes]) for yes in (True, False))
-    return glossy[0] if _mean(glossy[1]) < _mean(matte[1]) else matte[0]
+    return glossy[0] if mean_error(glossy[1]) < mean_error(matte[1]) else matte[0]
 
 
 def from_nothing(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> ObjectModel:
@@ -72,7 +72,7 @@ def from_nothing(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> Ob
     return model
 
 
-def _mean(errors: Float[np.ndarray, " views"]) -> float:
+def mean_error(errors: Float[np.ndarray, " views"]) -> float:
     """Return the mean of the errors of the views of which something was left out."""
     known = errors[np.isfinite(errors)]
     return float(known.mean()) if len(known) else np.inf
@@ -82,7 +82,7 @@ def _best_of(
     tried: Sequence[tuple[ObjectModel, Float[np.ndarray, " views"]]],
 ) -> tuple[ObjectModel, Float[np.ndarray, " views"]]:
     """Return the first of some models with its errors, or the best one where that is clearly better."""
-    best = min(tried, key=lambda one: _mean(one[1]))
+    best = min(tried, key=lambda one: mean_error(one[1]))
     return best if clearly_better(tried[0][1], best[1]) else tried[0]
 
 

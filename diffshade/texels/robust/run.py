@@ -16,7 +16,7 @@ from ...model.lobes import AbstractPowerLobe, Blinn
 from ..between_lights import BetweenLights, from_leaves, learned_between
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
-from ..lighting import LightingSetup
+from ..lighting import LightErrors, LightingSetup
 from ..map_arrays import MapArrays
 from ..maps import SharedHighlight, TexelMaps
 from ..prediction import KnownCoefficients
@@ -68,7 +68,7 @@ class RobustRun(TexelWork):
         tiles: TileRunner,
         *,
         neighbours: bool,
-        light_error: Float[np.ndarray, "views 3 3"] | None,
+        light_error: LightErrors | None,
     ):
         """Gather what all texels have in common.
 
@@ -79,7 +79,7 @@ class RobustRun(TexelWork):
             regions: Region of each pixel, numbered from 0 without gaps; None makes the object one.
             tiles: What reads the tiles and stores the maps.
             neighbours: Whether a normal is the median of those around it.
-            light_error: A root of the covariance of the direction to each view's lights.
+            light_error: How well each view's lights are known; None where exactly.
         """
         super().__init__(setup, known, loss, regions, tiles)
         self.neighbours, self.light_error = neighbours, light_error
@@ -155,7 +155,7 @@ class RobustRun(TexelWork):
         on_highlight = note_on_lobe(given, self.setup.lobe) if models[0].assumed.glossy else (MATTE_NOTE,)
         notes = (*notes, *note, *on_highlight)
         scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, self.setup.lobe)
-        maps = TexelMaps(
+        return TexelMaps(
             arrays.values(),
             arrays.errors(),
             store.read("status")[..., 0],
@@ -167,9 +167,6 @@ class RobustRun(TexelWork):
             self._highlights(shared.refined),
             None if shared.interpolation is None else Unexplained(shared.interpolation, store.read("unexplained")),
         )
-        if store.folder is not None and store.first:
-            maps.describe(store.folder)
-        return maps
 
     def _shared(self, models: Sequence[ObjectModel], sample: TexelTile) -> Shared:
         """Return what the texels share, from a sample of them."""

@@ -67,6 +67,13 @@ def note_on_turned_lights(work: TexelWork, models: Sequence[ObjectModel], sample
     texels, said = work.each(sample, program, models), work.toward(sample)
     lit = np.linalg.norm(said, axis=-1) > 0.0
     found = np.stack([_seen_in(texels, v) if lit[v] else said[v] for v in range(len(said))])
+    return note_on_directions(found, said, lit)
+
+
+def note_on_directions(
+    found: Float[np.ndarray, "views 3"], said: Float[np.ndarray, "views 3"], lit: Bool[np.ndarray, " views"]
+) -> tuple[Note, ...]:
+    """Return a note that names lights which are farther off than lights are, and than most of those that are lit."""
     off = _angle(found, said)
     usual = float(np.median(off[lit])) if lit.any() else 0.0
     far = np.flatnonzero(off > max(LEAST, FAR_MORE**2 * usual))
