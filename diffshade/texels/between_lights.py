@@ -34,8 +34,7 @@ T = TypeVar("T")
 # Chosen on the one object at hand of which a network learns: a dome of 49 lights.
 MIN_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
-SPACING = 0.35  # between new lights, relative to that between the views' lights
-MIN_APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
+SPACING = 0.35  # between new lights, and from these to the views', relative to that between the views' lights
 GROUPINGS = 2  # in so many ways are views left out
 HIDDEN = 64  # units of the network's one layer
 STEPS, BATCH, RATE = 2000, 2048, 1e-2
@@ -182,9 +181,10 @@ def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenL
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
     """Return directions between some lights, spread evenly: nearer to one than these are apart."""
     spacing = float(np.median(np.sort(_apart(toward, toward), -1)[:, 1]))
-    sphere = dome(round(4.0 * np.pi / (SPACING * spacing) ** 2), -1.0)
+    least = SPACING * spacing
+    sphere = dome(round(4.0 * np.pi / least**2), -1.0)
     nearest = _apart(sphere, toward).min(-1)
-    return sphere[(nearest > MIN_APART * spacing) & (nearest < spacing)]
+    return sphere[(nearest > least) & (nearest < spacing)]
 
 
 def _apart(lights: Float[np.ndarray, "lights 3"], others: Float[np.ndarray, "others 3"]) -> np.ndarray:
