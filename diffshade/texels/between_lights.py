@@ -1,90 +1,97 @@
 r"""Between lights: photographs under lights that no view had, as the views of the same object teach to predict them.
 
 At a light between those of the views a shadow or a highlight is there or not, where any interpolation is halfway. Views
-are left out, each alone and in groups, and a small network learns from many texels how to correct what the others say:
+are left out in groups, and a small network learns from many texels how to correct what the others say:
 
-$$ shown(l) = e(l) + \sigma(l) \sum_j f_j(x) (s_j(l) - e(l)), \quad e(l) = model(l) + u(l) $$
+$$ shown(l) = e(l) + \sum_j f_j(x) (s_j(l) - e(l)), \quad e(l) = model(l) + u(l) $$
 
-u is interpolated (kriging), and sigma is its standard error, small at a light near those of the views. The s_j are the
-candidates: zero, the model, a spline through the views (Duchon 1977), their mean, the four nearest views. x holds them,
-the model under the nearest views, and the largest of all, grey and relative to the mean, so that one f serves all
-texels, colours and lights, and many materials teach it. (Kernels are predicted so in Bako et al. 2017; a network that
-has the place of the model is neural RTI's, Dulecha et al. 2020.) What is shown lies between 0 and twice the largest
-that the views or the model show. The network is kept only if it predicts views and texels from which it has not learned
-better.
+u is what the views show beyond the model, interpolated (kriging). The s_j are the candidates: zero, the photographs
+interpolated without a model, the four nearest views. x holds these and the model, grey and relative to the mean of the
+views, so that one f serves all texels, colours and lights, and many materials teach it. (Kernels are predicted so in
+Bako et al. 2017; a network that has the place of the model is neural RTI's, Dulecha et al. 2020.) What is shown lies
+between 0 and twice the largest that the views or the model show. The network is kept only if it predicts views and
+texels from which it has not learned better.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..core.fields import Array
-from ..core.thresholds import FEW, MINOR, SLIGHT
+from ..core.thresholds import FEW, MINOR, SLIGHT, TINY
 from ..inverse.data.relightable import dome
 from .robust.learning import typical_level
-from .unexplained import Interpolation, Smoothing
+from .unexplained import NOISES, WIDTHS, Interpolation, Smoothing
 
 T = TypeVar("T")
-Layers = tuple[tuple[Array, Array], tuple[Array, Array]]
-# How near new lights are, how views are left out, and the network's size were chosen on the one object at hand of which
-# a network learns: a dome of 49 lights.
+# Chosen on the one object at hand of which a network learns: a dome of 49 lights.
 MIN_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
-CANDIDATES = 2 * NEAREST
-SPACING = 0.35  # between new lights, relative to that between the views' lights
-MIN_APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
-GROUPINGS = 2  # in so many ways
+SPACING = 0.35  # between new lights, and from these to the views', relative to that between the views' lights
+GROUPINGS = 2  # in so many ways are views left out
 HIDDEN = 64  # units of the network's one layer
-STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
-MAX_SAMPLES = 1 << 19
-# Of the object's typical level, to which what a texel shows is relative where its own mean is mere noise.
+STEPS, BATCH, RATE = 2000, 2048, 1e-2
+MAX_SAMPLES = STEPS * BATCH // FEW
+SMOOTHEST = Smoothing(max(WIDTHS), min(NOISES))
 
 
 class Neighbours(NamedTuple):
     """For each of some lights, what the views say of it."""
 
-    asked: Float[Array, "lights views"]
-    """Weights of the views in their mean: 0 for those that are not asked."""
+    beyond: Float[Array, "lights views"]
+    """Weights of what the views show beyond the model."""
+    shown: Float[Array, "lights views"]
+    """Weights of what they show."""
     nearest: Int[Array, "lights near"]
-    """Indices of the nearest of the views that are asked."""
-    spline: Float[Array, "lights views"]
-    """Weights of the views in a spline through them."""
-    kriging: Float[Array, "lights views"]
-    """Weights of the residuals of the views."""
-    spread: Float[Array, " lights"]
-    """Standard error of what the residuals say, relative to their size: by how much a light lies apart."""
+    """Indices of the nearest views."""
 
 
-class NetworkSamples(NamedTuple):
-    """What the network is shown, and what it weighs."""
+class Sample(NamedTuple):
+    """What the network is shown of some texels under one light, and what it weighs."""
 
-    x: Float[Array, "inputs samples"]
-    """Its inputs, all grey."""
-    others: Float[Array, "candidates channels samples"]
-    """The candidates, beyond what is expected."""
+    x: Float[jax.Array, "inputs texels"]
+    candidates: Float[Array, "candidates channels texels"]
+    """Beyond what is expected."""
+    expected: Float[Array, "channels texels"]
 
 
-class Network(NamedTuple):
+class Lessons(NamedTuple):
+    """Samples of views that are left out, and what these show."""
+
+    x: Float[Array, "samples inputs"]
+    candidates: Float[Array, "samples candidates channels"]
+    off: Float[Array, "samples channels"]
+    """What is shown beyond the expected."""
+
+
+class Network(eqx.Module):
     """One layer of rectified units. Its outputs are the weights of the candidates."""
 
-    hidden: tuple[Float[Array, "units inputs"], Float[Array, " units"]]
-    output: tuple[Float[Array, "candidates units"], Float[Array, " candidates"]]
-    middle: Float[Array, " inputs"]
-    scale: Float[Array, " inputs"]
-    least: Float[Array, ""]
-    """The least mean that a texel's inputs are relative to, as a reflectance."""
+    hidden: eqx.nn.Linear
+    output: eqx.nn.Linear
 
-    def __call__(self, of: NetworkSamples) -> Float[Array, "channels samples"]:
-        """Return by how much more than expected is shown, in standard errors."""
-        return _weighed((self.hidden, self.output), (of.x - self.middle[:, None]) / self.scale[:, None], of.others)
+    @classmethod
+    def begun(cls) -> Network:
+        """Return a network that has learned nothing."""
+        one, other = jax.random.split(jax.random.key(0))
+        numbers = NEAREST + 2
+        return cls(
+            eqx.nn.Linear(numbers, HIDDEN, key=one, dtype=jnp.float32),
+            eqx.nn.Linear(HIDDEN, numbers, key=other, dtype=jnp.float32),
+        )
+
+    def __call__(
+        self, x: Float[jax.Array, " inputs"], candidates: Float[Array, "candidates channels"]
+    ) -> Float[jax.Array, " channels"]:
+        """Return by how much more than expected a texel shows."""
+        return jnp.sum(self.output(jax.nn.relu(self.hidden(x)))[:, None] * candidates, 0)
 
 
 class BetweenLights(NamedTuple):
@@ -95,6 +102,8 @@ class BetweenLights(NamedTuple):
     neighbours: Neighbours
     """Of the new lights."""
     network: Network
+    least: Float[Array, ""]
+    """The least mean that a texel's inputs are relative to, as a reflectance: less is mere noise."""
 
     @jax.jit
     def beyond(
@@ -109,11 +118,11 @@ class BetweenLights(NamedTuple):
         seen, here = model[: len(beyond)], model[len(beyond) :]
         largest = jnp.max(beyond + seen, 0)
 
-        def under(samples: NetworkSamples, expected: Array, spread: Array, here: Array) -> Array:
-            shown = expected + spread * self.network(samples)
+        def under(sample: Sample, here: Array) -> Array:
+            shown = sample.expected + jax.vmap(self.network, -1, -1)(sample.x, sample.candidates)
             return jnp.clip(shown, 0.0, 2.0 * jnp.maximum(largest, here)) - here
 
-        new = _of_each(under, self.neighbours, beyond, seen, self.network.least, here)
+        new = _of_each(under, self.neighbours, beyond, seen, here, self.least)
         return jnp.concatenate([beyond, new.astype(beyond.dtype)])
 
 
@@ -131,127 +140,63 @@ def learned_between(
         model: The model's reflectance.
         smoothing: How residuals are interpolated.
     """
-    views, channels, texels = beyond.shape
-    new = lights_between(toward)
+    views, _, texels = beyond.shape
     # the twin of a photograph tells all of it, and teaches nothing
-    if views < MIN_VIEWS or not _once(toward).all() or not len(new):
+    if views < MIN_VIEWS or np.triu(_apart(toward, toward) < MINOR, 1).any():
         return None
-    left_out = _left_out(views)
-    every = max(1, -(-(1 + GROUPINGS) * views * texels // MAX_SAMPLES))
-    beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
-    which, every_view = np.concatenate(left_out), np.arange(views)
-    others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
-    level = typical_level(np.maximum((beyond + model).mean((0, 1)), 0.0))
-    least = np.asarray(max(SLIGHT * level, 1e-6), np.float32)
-    samples = _left_out_samples(others, beyond, model, least, which).reshape(len(which) * beyond.shape[-1], -1)
-    half = ((which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2).ravel()  # views, and texels, of two halves
-    tried = _network(samples, channels, least, np.flatnonzero(half == 0), STEPS // 8)  # more steps are no worse
-    of, off = _parted(samples[np.flatnonzero(half == 2)], channels)
-    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - SLIGHT) ** 2 * jnp.mean(off**2):
+    new = lights_between(toward)
+    every = max(1, -(-GROUPINGS * views * texels // MAX_SAMPLES))
+    beyond, model = (np.asarray(of, np.float32)[..., ::every] for of in (beyond, model))
+    level = max(typical_level(np.maximum((beyond + model).mean((0, 1)), 0.0)), TINY)
+    beyond, model = beyond / level, model / level
+    rng, found = np.random.default_rng(0), []
+    left_out = [out for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), FEW)]
+    for out in left_out:
+        seen = np.setdiff1d(np.arange(views), out)
+        others = _neighbours(toward[seen], toward[out], smoothing)
+        found.append(_lessons(others, beyond[seen], model[seen], model[out], SLIGHT, (beyond + model)[out]))
+    lessons = jax.tree.map(lambda *of: np.concatenate(of), *found)
+    # views, and texels, of two halves
+    half = (np.concatenate(left_out)[:, None] % 2 + np.arange(beyond.shape[-1]) % 2).ravel()
+    some = rng.integers(0, half.size, (STEPS, BATCH))
+    learned_from = np.flatnonzero(half == 0)
+    tried = _trained(lessons, learned_from[some % len(learned_from)])
+    x, candidates, off = (of[half == 2] for of in lessons)
+    if not jnp.mean((off - jax.vmap(tried)(x, candidates)) ** 2) <= (1.0 - SLIGHT) ** 2 * np.mean(off**2):
         return None
-    asked = _neighbours(toward, [(new, every_view)], smoothing)
+    asked = _neighbours(toward, new, smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
-    return BetweenLights(everywhere, asked, _network(samples, channels, least, np.arange(len(samples)), STEPS))
+    return BetweenLights(everywhere, asked, _trained(lessons, some), np.asarray(SLIGHT * level, np.float32))
 
 
 def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenLights | None]:
     """Return what `jax.tree.leaves` of the two gave."""
-    if not leaves:
-        return None, None
-    given = iter(leaves)
-
-    def taken(kind: Any) -> Any:
-        return kind(*itertools.islice(given, len(kind._fields)))
-
-    interpolation = taken(Interpolation)
-    interpolation = interpolation._replace(width=float(interpolation.width))
-    if len(leaves) == len(Interpolation._fields):
-        return interpolation, None
-    toward, neighbours = next(given), taken(Neighbours)
-    weight, bias, weights, biases, *numbers = given
-    return interpolation, BetweenLights(toward, neighbours, Network((weight, bias), (weights, biases), *numbers))
+    one = np.zeros(1)
+    interpolation = Interpolation(one, 1.0, one, one)
+    between = BetweenLights(one, Neighbours(one, one, one), Network.begun(), one)
+    either = [jax.tree.structure(of) for of in ((None, None), (interpolation, None), (interpolation, between))]
+    return next(jax.tree.unflatten(of, leaves) for of in either if of.num_leaves == len(leaves))
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
     """Return directions between some lights, spread evenly: nearer to one than these are apart."""
-    once = toward[_once(toward)]
-    if len(once) < 2:
-        return np.zeros((0, 3))
-    spacing = float(np.median(_apart(once).min(1)))
-    count = round(4.0 * np.pi / (SPACING * spacing) ** 2)
-    sphere = dome(count, -1.0)
-    nearest = np.linalg.norm(sphere[:, None] - toward, axis=-1).min(1)
-    return sphere[(nearest > MIN_APART * spacing) & (nearest < spacing)]
+    spacing = float(np.median(np.sort(_apart(toward, toward), -1)[:, 1]))
+    least = SPACING * spacing
+    sphere = dome(round(4.0 * np.pi / least**2), -1.0)
+    nearest = _apart(sphere, toward).min(-1)
+    return sphere[(nearest > least) & (nearest < spacing)]
 
 
-def _apart(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "views views"]:
-    return np.linalg.norm(toward[:, None] - toward, axis=-1) + 4.0 * np.eye(len(toward))
-
-
-def _once(toward: Float[np.ndarray, "views 3"]) -> Bool[np.ndarray, " views"]:
-    """Return which lights are no twins of ones before them."""
-    apart = _apart(toward)
-    return np.array([not (apart[i, :i] < MINOR).any() for i in range(len(apart))])
-
-
-def _left_out(views: int) -> list[Int[np.ndarray, " out"]]:
-    """Return the views that are left out together: each alone, then groups drawn at random."""
-    rng = np.random.default_rng(0)
-    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), FEW)]
-    return [*np.arange(views)[:, None], *groups]
+def _apart(lights: Float[np.ndarray, "lights 3"], others: Float[np.ndarray, "others 3"]) -> np.ndarray:
+    return np.linalg.norm(lights[:, None] - others, axis=-1)
 
 
 def _neighbours(
-    toward: Float[np.ndarray, "views 3"],
-    groups: Sequence[tuple[Float[np.ndarray, "lights 3"], Int[np.ndarray, " seen"]]],
-    smoothing: Smoothing,
+    seen: Float[np.ndarray, "seen 3"], lights: Float[np.ndarray, "lights 3"], smoothing: Smoothing
 ) -> Neighbours:
-    """Return what some views say of each light of a group, one light after another."""
-    found = [_of_group(toward, *group, smoothing) for group in groups]
-    return jax.tree.map(lambda *of: np.concatenate(of), *found)
-
-
-def _of_group(
-    toward: Float[np.ndarray, "views 3"],
-    lights: Float[np.ndarray, "lights 3"],
-    views: Int[np.ndarray, " seen"],
-    smoothing: Smoothing,
-) -> Neighbours:
-    seen = toward[views]
-    order = np.argsort(np.linalg.norm(seen - lights[:, None], axis=-1), axis=-1, kind="stable")
-    weights = smoothing.weights(seen, lights)
-
-    def of_all(weights: Float[np.ndarray, "lights seen"] | float) -> Float[np.ndarray, "lights views"]:
-        found = np.zeros((len(lights), len(toward)), np.float32)
-        found[:, views] = weights
-        return found
-
-    return Neighbours(
-        of_all(1.0 / len(views)),
-        views[order[:, :NEAREST]],
-        of_all(_spline(seen, lights)),
-        of_all(weights),
-        smoothing.spread(seen, lights, weights).astype(np.float32),
-    )
-
-
-def _spline(
-    seen: Float[np.ndarray, "seen 3"], lights: Float[np.ndarray, "lights 3"]
-) -> Float[np.ndarray, "lights seen"]:
-    """Return the weights of a thin plate spline, r^2 log r with a linear trend, through what is seen."""
-
-    def bend(to: np.ndarray) -> np.ndarray:
-        r = np.linalg.norm(seen - to[:, None], axis=-1)
-        return r**2 * np.log(np.maximum(r, 1e-12))
-
-    def trend(of: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.ones((len(of), 1)), of], -1)
-
-    A = np.block([[bend(seen), trend(seen)], [trend(seen).T, np.zeros((4, 4))]])
-    # where all lights are in one plane, the trend that is smallest
-    return (np.concatenate([bend(lights), trend(lights)], -1) @ np.linalg.pinv(A, rcond=1e-9, hermitian=True))[
-        :, : len(seen)
-    ]
+    """Return what some views say of each of some lights."""
+    beyond, shown = (of.weights(seen, lights).astype(np.float32) for of in (smoothing, SMOOTHEST))
+    return Neighbours(beyond, shown, np.argsort(_apart(lights, seen), axis=-1, kind="stable")[:, :NEAREST])
 
 
 def _of_each(
@@ -259,124 +204,59 @@ def _of_each(
     of: Neighbours,
     beyond: Float[Array, "views channels texels"],
     model: Float[Array, "views channels texels"],
-    least: Float[Array, ""],
     here: Float[Array, "lights channels texels"],
+    least: Float[Array, ""],
     *more: Float[Array, "lights channels texels"],
 ) -> T:
-    """Return for each light the result of its samples, what is expected, its spread, the model there, and more."""
+    """Return for each light the result of its sample, of the model's reflectance there, and of more."""
     shown = beyond + model
-    grey, grey_model = shown.mean(1), model.mean(1)
-    expected = here + jnp.tensordot(of.kriging, beyond, 1)
-    spline, mean = jnp.tensordot(of.spline, shown, 1), jnp.tensordot(of.asked, shown, 1)
+    grey = shown.mean(1)
+    level = jnp.maximum(grey.mean(0), least)
+    expected, smooth = here + jnp.tensordot(of.beyond, beyond, 1), jnp.tensordot(of.shown, shown, 1)
 
     def under(light: tuple[Array, ...]) -> T:
-        asked, nearest, spread, expected, spline, mean, here, *more = light
-        largest = jnp.max(jnp.where(asked[:, None] > 0.0, grey, -jnp.inf), 0)
-        level = jnp.maximum(mean.mean(0), least)
-        found = [expected.mean(0), here.mean(0), spline.mean(0), largest, *grey[nearest], *grey_model[nearest]]
-        x = jnp.stack([*(one / level for one in found), level])
-        others = jnp.stack([jnp.zeros_like(here), here, spline, mean, *shown[nearest]]) - expected[None]
-        return result(NetworkSamples(x, others), expected, spread, here, *more)
+        nearest, expected, smooth, here, *more = light
+        x = jnp.stack([here.mean(0), smooth.mean(0), *grey[nearest]]) / level[None] - 1.0
+        candidates = jnp.stack([jnp.zeros_like(here), smooth, *shown[nearest]])
+        return result(Sample(x, candidates - expected[None], expected), here, *more)
 
-    return jax.lax.map(under, (of.asked, of.nearest, of.spread, expected, spline, mean, here, *more))
+    return jax.lax.map(under, (of.nearest, expected, smooth, here, *more))
 
 
 @jax.jit
-def _left_out_samples(
-    left_out: Neighbours, beyond: Array, model: Array, least: Array, which: Int[Array, " lights"]
-) -> Float[Array, "lights texels numbers"]:
-    """Return the samples of views that are left out, and what they show beyond the expected, in standard errors.
+def _lessons(
+    of: Neighbours,
+    beyond: Float[Array, "views channels texels"],
+    model: Float[Array, "views channels texels"],
+    here: Float[Array, "lights channels texels"],
+    least: Float[Array, ""],
+    shown: Float[Array, "lights channels texels"],
+) -> Lessons:
+    """Return what views say of others that are left out, and what these show, one texel and light after another."""
 
-    A sample's numbers are beside one another, so that drawing some samples is quick.
-    """
+    def lesson(sample: Sample, _: Array, shown: Array) -> Lessons:
+        return Lessons(sample.x.T, jnp.moveaxis(sample.candidates, -1, 0), (shown - sample.expected).T)
 
-    def row(samples: NetworkSamples, expected: Array, spread: Array, here: Array, shown: Array) -> Array:
-        others = samples.others.reshape(-1, samples.x.shape[1])
-        return jnp.concatenate([samples.x, others, (shown - expected) / spread]).T
-
-    return _of_each(row, left_out, beyond, model, least, model[which], (beyond + model)[which])
-
-
-def _parted(
-    rows: Float[Array, "samples numbers"], channels: int
-) -> tuple[NetworkSamples, Float[Array, "channels samples"]]:
-    """Return the samples of rows, and what they show beyond the expected."""
-    numbers = rows.T
-    ends = np.cumsum([len(numbers) - (CANDIDATES + 1) * channels, CANDIDATES * channels])
-    x, others, off = jnp.split(numbers, ends)
-    return NetworkSamples(x, others.reshape(CANDIDATES, channels, -1)), off
+    found = _of_each(lesson, of, beyond, model, here, least, shown)
+    return jax.tree.map(lambda of: of.reshape(-1, *of.shape[2:]), found)
 
 
-def _weighed(
-    layers: Layers, x: Float[Array, "inputs samples"], others: Float[Array, "candidates channels samples"]
-) -> Float[Array, "channels samples"]:
-    """Return the candidates, weighed by what the layers make of the inputs."""
-    (weight, bias), (weights, biases) = layers
-    each = weights @ jax.nn.relu(weight @ x + bias[:, None]) + biases[:, None]
-    return jnp.sum(each[:, None] * others, 0)
+@jax.jit
+def _trained(lessons: Lessons, batches: Int[Array, "steps batch"]) -> Network:
+    """Return the network that has learned from batches of lessons: the least squares of what is off, by Adam."""
+    import optax
 
+    optimiser = optax.adam(optax.cosine_decay_schedule(RATE, STEPS))
 
-def _network(
-    rows: Float[Array, "samples numbers"],
-    channels: int,
-    least: Array,
-    taken: Int[np.ndarray, " taken"],
-    steps: int,
-) -> Network:
-    """Return the network that was trained on the rows that are taken: the least squares, by Adam."""
-    rng = np.random.default_rng(0)
-    inputs = rows.shape[1] - (CANDIDATES + 1) * channels
+    def cost(network: Network, batch: Array) -> Array:
+        x, candidates, off = (of[batch] for of in lessons)
+        return jnp.mean((jax.vmap(network)(x, candidates) - off) ** 2)
 
-    def layer(size: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
-        weight = rng.standard_normal((size, inputs)) * np.sqrt(2.0 / inputs)
-        return weight.astype(np.float32), np.zeros(size, np.float32)
+    def step(carry: tuple, batch: Array) -> tuple[tuple, None]:
+        network, state = carry
+        moved, state = optimiser.update(jax.grad(cost)(network, batch), state)
+        return (optax.apply_updates(network, moved), state), None
 
-    layers = (layer(HIDDEN, inputs), layer(CANDIDATES, HIDDEN))
-    of_rows = np.asarray(rows)
-    x, off = of_rows[taken, :inputs], of_rows[taken, -channels:]
-    middle, scale = x.mean(0), np.maximum(x.std(0), 1e-6)
-    size = np.float32(max(float(np.sqrt(np.mean(off**2))), 1e-12))
-    which = taken[rng.integers(0, len(taken), (steps, BATCH))]
-    hidden, output = _descended(Network(*layers, middle, scale, least), rows, which, size, channels)
-    return Network(hidden, output, middle, scale, least)
-
-
-@partial(jax.jit, static_argnames="channels")
-def _descended(
-    begun: Network,
-    rows: Float[Array, "samples numbers"],
-    which: Int[Array, "steps batch"],
-    size: Float[Array, ""],
-    channels: int,
-) -> Layers:
-    """Return the layers after steps of Adam with weight decay, the rate falling as a cosine (Loshchilov, Hutter 2019).
-
-    Args:
-        begun: The network to begin with.
-        rows: The samples, and what is shown of each.
-        which: Samples of each step.
-        size: The candidates and what is shown are relative to this.
-        channels: Channels of what is shown.
-    """
-
-    def cost(layers: Layers, batch: Array) -> Array:
-        of, off = _parted(rows[batch], channels)
-        return jnp.mean((begun._replace(hidden=layers[0], output=layers[1])(of) - off) ** 2) / size**2
-
-    def step(carry: tuple, item: tuple[Array, Array]) -> tuple[tuple, None]:
-        layers, first, second = carry
-        k, batch = item
-        slope = jax.grad(cost)(layers, batch)
-        first = jax.tree.map(lambda m, g: 0.9 * m + 0.1 * g, first, slope)
-        second = jax.tree.map(lambda v, g: 0.999 * v + 0.001 * g * g, second, slope)
-        rate = RATE * 0.5 * (1.0 + jnp.cos(jnp.pi * k / len(which)))
-
-        def moved(p: Array, m: Array, v: Array) -> Array:
-            return p - rate * (m / (1.0 - 0.9**k) / (jnp.sqrt(v / (1.0 - 0.999**k)) + 1e-8) + DECAY * p)
-
-        return (jax.tree.map(moved, layers, first, second), first, second), None
-
-    layers = (begun.hidden, begun.output)
-    still = jax.tree.map(jnp.zeros_like, layers)
-    steps = jnp.arange(1, len(which) + 1, dtype=jnp.float32)
-    return jax.lax.scan(step, (layers, still, still), (steps, which))[0][0]
+    begun: Any = Network.begun()  # of a type that optax does not name
+    with jax.numpy_dtype_promotion("standard"):  # optax takes powers by whole numbers
+        return jax.lax.scan(step, (begun, optimiser.init(begun)), batches)[0][0]

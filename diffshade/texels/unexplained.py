@@ -117,15 +117,6 @@ class Smoothing(NamedTuple):
         """Return the weights of residuals under lights that are seen, for each other light."""
         return np.linalg.solve(_noisy(seen, *self), _kernel(seen, lights, self.width)).T
 
-    def spread(
-        self,
-        seen: Float[np.ndarray, "seen 3"],
-        lights: Float[np.ndarray, "lights 3"],
-        weights: Float[np.ndarray, "lights seen"],
-    ) -> Float[np.ndarray, " lights"]:
-        """Return the standard error of the residual under each other light, relative to the size of residuals."""
-        return np.sqrt(1.0 - np.sum(weights * _kernel(lights, seen, self.width), -1))
-
 
 def smoothing_of(toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"]) -> Smoothing | None:
     """Return the smoothing that predicts views best from the others, or None if none predicts them better than 0.

@@ -17,6 +17,7 @@ from reliefs import Relief, covered, off, relative, relief, stepped
 import diffshade as ds
 from diffshade.texels.heights.curl import PyramidLevel, noise_scale
 from diffshade.texels.heights.differences import differences, rays_of, smoothed
+from diffshade.texels.heights.system import HeightGrid, HeightSystem
 
 SIZE = 48
 ONE = np.ones((SIZE, SIZE))  # degree
@@ -304,3 +305,15 @@ def test_smoothing_follows_a_slope_to_the_border():
     normals = np.stack([0.5 * x, 0.3 * y, 0.0 * x + 1.0], -1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     np.testing.assert_allclose(smoothed(normals, np.ones((24, 24), bool)), normals, atol=4e-3)
+
+
+def test_a_solution_is_as_exact_as_it_is_asked_to_be():
+    """In standard deviations of the differences, whatever their units."""
+    grid, rng = HeightGrid.of(np.ones((SIZE, SIZE), bool)), np.random.default_rng(0)
+    deviation = 1e-3 * rng.uniform(0.2, 5.0, grid.start.size)
+    d = deviation * rng.standard_normal(grid.start.size) + 0.1
+    system = HeightSystem(grid, 1.0 / deviation**2)
+    best = system.solve(d, tolerance=1e-6)
+    for tolerance in (1.0, 0.01):
+        off = np.linalg.norm(grid.step(system.solve(d, tolerance=tolerance) - best) / deviation)
+        assert 0.0 < off < 2.0 * tolerance

@@ -1,11 +1,12 @@
 """Photographs under lights that no view had, as the views of the same object teach to predict them."""
 
+import jax
 import numpy as np
 import pytest
 
 from diffshade.inverse.data.relightable import dome
-from diffshade.texels.between_lights import learned_between, lights_between
-from diffshade.texels.unexplained import Smoothing
+from diffshade.texels.between_lights import from_leaves, learned_between, lights_between
+from diffshade.texels.unexplained import Smoothing, interpolation_of
 
 pytestmark = pytest.mark.thorough
 SMOOTHING = Smoothing(0.8, 0.03)
@@ -42,18 +43,37 @@ def test_nothing_is_learned_of_noise_or_of_few_views():
     model = np.broadcast_to(lights[:, 2:, None], noise.shape)
     assert learned_between(lights, noise, model, Smoothing(0.2, 10.0)) is None
     assert learned_between(lights[:8], noise[:8], model[:8], SMOOTHING) is None
-    assert not len(lights_between(np.repeat(lights[:1], 9, 0)))
 
 
-def test_lights_that_lie_beside_one_another_count_once():
+def test_a_photograph_that_is_given_twice_teaches_nothing():
     lights = dome(24, 0.2)
-    beside = lights + np.random.default_rng(0).normal(0.0, 1e-3, lights.shape)
-    twice = np.concatenate([lights, beside / np.linalg.norm(beside, axis=1, keepdims=True)])
-    assert len(lights_between(twice)) == len(lights_between(lights)) > 24
+    beside = lights[:1] + np.random.default_rng(0).normal(0.0, 1e-3, 3)
     model, beyond = shadows(lights, 300)
     beyond, model = (np.concatenate([of, of[:1]]) for of in (beyond, model))
-    for twin in (lights[:1], beside[:1] / np.linalg.norm(beside[0])):  # given twice, a photograph teaches nothing
+    for twin in (lights[:1], beside / np.linalg.norm(beside)):
         assert learned_between(np.concatenate([lights, twin]), beyond, model, SMOOTHING) is None
+
+
+def test_lights_between_are_not_far_from_those_of_the_views():
+    lights = dome(24, 0.2)
+    new = lights_between(lights)
+    assert len(new) > 24
+    assert new[:, 2].min() > -0.2
+
+
+@pytest.mark.parametrize("kinds", [0, 1, 2])
+def test_what_a_run_keeps_is_what_it_learned(kinds):
+    """Arrays alone are kept: nothing, an interpolation, and what was learned of the lights between."""
+    lights = dome(40, 0.2)
+    model, beyond = shadows(lights, 300)
+    interpolation = interpolation_of(lights, beyond[:, 0], SMOOTHING, 9) if kinds else None
+    between = learned_between(lights, beyond, model, SMOOTHING) if kinds > 1 else None
+    assert (between is not None) == (kinds > 1)
+    _, found = both = from_leaves([np.asarray(leaf) for leaf in jax.tree.leaves((interpolation, between))])
+    assert jax.tree.structure(both) == jax.tree.structure((interpolation, between))
+    if found is not None and between is not None:
+        new = np.full((len(between.toward), 1, 300), 0.5, np.float32)
+        np.testing.assert_array_equal(found.beyond(beyond, new), between.beyond(beyond, new))
 
 
 def test_what_is_black_stays_dark():

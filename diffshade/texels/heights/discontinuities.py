@@ -29,8 +29,7 @@ from .system import HeightGrid, HeightSystem
 
 MIN_CURL = 5.5  # curl beyond so many deviations begins a search: noise does so once in 26 million texels
 SEED_LEVELS = 3
-STEPS = 12
-SETUP_STEPS = (0, 1, 2, 4, 7)  # steps with a multigrid hierarchy of their own; later ones keep the last
+STEPS, SOLVES = 8, 10  # of reweighting; of conjugate gradients, each: the next weights ask for other heights
 BESIDE = OUTLIER / 2.0  # the same for pairs beside a cut one: a line is followed to where it fades out
 MAX_FOLLOWED = 8  # pairs, each time
 MIN_PAIRS = 4  # pairs that touch
@@ -57,19 +56,17 @@ def discontinuities(
     if all(np.abs(level.curl()).max(initial=0.0) < MIN_CURL for level in levels):
         return cut, None
     base = 1.0 / variances
-    weights, system, u = grid.edges(*seeds(levels[:SEED_LEVELS])), None, None
+    weights, u = grid.edges(*seeds(levels[:SEED_LEVELS])), None
     square = np.zeros(testable.shape)
     for step in range(STEPS):
         report_progress("discontinuities", step / STEPS)
-        system = HeightSystem(grid, base * weights, None if step in SETUP_STEPS else system)
-        u = system.solve(differences, u, tolerance=1e-4, most=25)
+        u = HeightSystem(grid, base * weights).solve(differences, u, most=SOLVES)
         square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
         weights = 1.0 / (1.0 + square)
     cut = square > OUTLIER**2
     for _ in range(3):
         cut = _in_lines(grid, cut)  # a single pair must show again that it is a jump, now that it is not left out
-        system = HeightSystem(grid, base * np.where(cut, TINY, 1.0))
-        u = system.solve(differences, u, tolerance=1e-5)
+        u = HeightSystem(grid, base * np.where(cut, TINY, 1.0)).solve(differences, u)
         square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
         cut = _followed(grid, square > OUTLIER**2, square > BESIDE**2)
     return cut, u

@@ -8,7 +8,6 @@ import scipy.stats
 from jaxtyping import Float, Int
 
 from ...core.progress import ReportProgress
-from ...core.thresholds import SLIGHT
 from .differences import Differences
 from .system import HeightSystem
 from .unknown import FilledNormals
@@ -39,7 +38,7 @@ def standard_errors(
         noise = normals.noise(grid, random)
         mean = share * noise[grid.start] + (1.0 - share) * noise[grid.end]
         change = np.einsum("ei,ei->e", lever, mean) + crease * random.standard_normal(crease.size)
-        total += less_mean(system.solve(change, tolerance=SLIGHT), part) ** 2
+        total += less_mean(system.solve(change), part) ** 2
     logarithm = np.log(np.maximum(total / DRAWS, 1e-300))
     weight = scipy.ndimage.gaussian_filter(grid.inside.astype(float), SMOOTHING)[grid.inside]
     smooth = scipy.ndimage.gaussian_filter(grid.image(logarithm), SMOOTHING)[grid.inside] / weight

@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from ...core.progress import ReportProgress, showing
-from ...core.thresholds import FEW, SINGLE, TINY
+from ...core.thresholds import FEW, SINGLE, SLIGHT, TINY
 from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
+from ...parallel.threads import ONE_BLAS_THREAD
 from .checks import MAX_ERROR, Given, checked
 from .curl import PyramidLevel, levels, noise_scale
 from .differences import differences
@@ -74,7 +75,7 @@ def integrate_normals(
         TypeError: An argument has the wrong type.
     """
     given = checked(normals, camera, mask, errors)
-    with showing("heights", show=progress) as report_progress:
+    with showing("heights", show=progress) as report_progress, ONE_BLAS_THREAD:
         return _integrated(given, camera, report_progress)
 
 
@@ -98,7 +99,7 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     cut = cut | broken
     part = labels(grid, cut)
     system = HeightSystem(grid, np.where(cut, TINY, 1.0) / variance)
-    u = less_mean(system.solve(d, u), part)
+    u = less_mean(system.solve(d, u, tolerance=SLIGHT), part)
     deviation = standard_errors(system, across, down, filled, part, report_progress)
     deviation = np.where(np.bincount(part)[part] < FEW, np.inf, deviation)
     return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, _notes(given, grid, part, jump, scale))

@@ -59,7 +59,7 @@ def cut_weak_joints(
         # a joint draws both sides to each other: only without it the jumps are what the normals say
         apart = cut.copy()
         apart[np.concatenate(doubtful)] = True
-        u = HeightSystem(grid, np.where(apart, TINY, 1.0) / deviations**2).solve(differences, u, tolerance=1e-4)
+        u = HeightSystem(grid, np.where(apart, TINY, 1.0) / deviations**2).solve(differences, u)
         jump = np.where(piece[grid.start] < piece[grid.end], 1.0, -1.0) * (grid.step(u) - differences)
         weak = [seam for seam in doubtful if not _determined(jump[seam], deviations[seam])]
         if weak:

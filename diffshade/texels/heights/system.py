@@ -3,6 +3,7 @@
     min sum_e w_e (u_q - u_p - d_e)^2
 
 Its matrix is the Laplacian of the texels' graph. Conjugate gradients are preconditioned by a multigrid cycle (pyamg).
+The weights are 1 over variances, so that the sum is in units of the noise: what a solution still lacks is too.
 """
 
 from __future__ import annotations
@@ -73,19 +74,19 @@ class HeightGrid(NamedTuple):
 
 
 class HeightSystem:
-    """The matrix of a grid's weighted differences, and its multigrid hierarchy, which other weights may share."""
+    """The matrix of a grid's weighted differences, and its multigrid hierarchy."""
 
-    def __init__(self, grid: HeightGrid, weights: Float[np.ndarray, " edges"], hierarchy: HeightSystem | None = None):
+    def __init__(self, grid: HeightGrid, weights: Float[np.ndarray, " edges"]):
         self.grid, self.weights = grid, weights
         self.matrix = laplacian(grid, weights)
-        self._cycle = _multigrid(self.matrix) if hierarchy is None else hierarchy._cycle
+        self._cycle = _multigrid(self.matrix)
 
     def solve(
         self,
         differences: Float[np.ndarray, " edges"],
         start: Float[np.ndarray, " texels"] | None = None,
         *,
-        tolerance: float = 1e-8,
+        tolerance: float = 1.0,
         most: int = 200,
     ) -> Float[np.ndarray, " texels"]:
         """Return the heights that fit the differences best.
@@ -93,7 +94,8 @@ class HeightSystem:
         Args:
             differences: Of each pair.
             start: Heights to begin with; 0 by default.
-            tolerance: Ends where the preconditioned residual, relative to that of zero heights, is below it.
+            tolerance: Ends where the residuals of all pairs together, as a root of squares, are nearer to the best ones
+                than this many standard deviations, as the preconditioner estimates.
             most: Most steps.
         """
         b = self.grid.gather(self.weights * differences)
@@ -101,9 +103,8 @@ class HeightSystem:
         r = b - self.matrix @ x
         z = self._cycle(r)
         p, energy = z, float(r @ z)
-        enough = tolerance**2 * float(b @ self._cycle(b)) if start is not None else tolerance**2 * energy
         for _ in range(most):
-            if energy <= enough:
+            if energy <= tolerance**2:
                 break
             q = self.matrix @ p
             step = energy / float(p @ q)
@@ -130,5 +131,13 @@ def _multigrid(matrix: scipy.sparse.csr_array) -> Callable[[np.ndarray], np.ndar
     """Return one V-cycle of classical algebraic multigrid (Ruge and Stuben 1987)."""
     import pyamg
 
-    levels = pyamg.ruge_stuben_solver(matrix, max_coarse=200, coarse_solver="splu")
+    before, after = [("gauss_seidel", {"sweep": way}) for way in ("forward", "backward")]  # symmetric together
+    levels = pyamg.ruge_stuben_solver(
+        matrix,
+        interpolation="direct",
+        presmoother=before,
+        postsmoother=after,
+        max_coarse=200,
+        coarse_solver="splu",
+    )
     return levels.aspreconditioner(cycle="V").matvec
