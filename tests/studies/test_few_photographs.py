@@ -8,6 +8,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.ndimage
 from bumpy import MATERIALS, bumpy, degrees_between, jumps, under
 from measured import measured
 
@@ -73,7 +74,7 @@ def test_few_photographs_beat_least_squares(material, count):
 
 def notes_of(of, views, scene=None) -> list[str]:
     notes = ds.fit_texels(scene or of.scene, views, free=FREE).notes
-    return [note for note in notes if "said to be" in note or "swapped" in note]
+    return [note for note in notes if "exposures say" in note or "said to be" in note or "swapped" in note]
 
 
 @pytest.mark.thorough
@@ -96,6 +97,21 @@ def test_a_light_that_is_off_and_swapped_photographs_are_named(material, count):
     (note,) = notes_of(of, swapped)
     assert "views[3]" in note
     assert "views[8]" in note
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("material", "count"), [("glossy", 12), *(pytest.param("matte", n, marks=pytest.mark.slow) for n in (12, 48))]
+)
+@pytest.mark.parametrize(
+    "how", [lambda image: scipy.ndimage.shift(image, (3, 0, 0), order=1), ds.srgb_encode], ids=["shifted", "sRGB"]
+)
+def test_one_photograph_that_is_shifted_or_encoded_otherwise_is_named(material, count, how):
+    of = bumpy(material, count, 50.0)
+    views = [dataclasses.replace(v, image=np.asarray(how(v.image))) if i == 4 else v for i, v in enumerate(of.views)]
+    notes = [note for note in notes_of(of, views) if "views[4]" in note]
+    assert notes
+    assert all(note.index("views[4]") < 130 for note in notes)  # as the first
 
 
 @pytest.mark.slow

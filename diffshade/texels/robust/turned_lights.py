@@ -105,7 +105,10 @@ def _in_words(
     far = far[np.argsort(-off[far], kind="stable")]
     named = ", ".join(f"views[{v}] by {np.rad2deg(off[v]):.0f} degrees" for v in far[:MAX_NAMED])
     more = f", and {len(far) - MAX_NAMED} more" if len(far) > MAX_NAMED else ""
-    return f"lights are not where they are said to be, by what the other photographs say: {named}{more}. Check them."
+    return (
+        f"lights are not where they are said to be, by what the other photographs say: {named}{more}. Check them, and "
+        "whether such a photograph is shifted or has another encoding, which looks alike."
+    )
 
 
 def _angle(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
