@@ -206,6 +206,7 @@ def find_ball(
     *,
     whole: bool = False,
     edge: tuple[Numbers, Numbers] | None = None,
+    apart: Float[np.ndarray, "3"] | float = 0.0,
 ) -> Ball:
     """Find the sphere whose outline is the edge of a mask.
 
@@ -215,7 +216,7 @@ def find_ball(
     "Camera calibration from spheres images", ECCV, LNCS 800).
 
     Circle and cone are found by linear least squares without outliers. Errors are found by leaving out one of 12
-    sectors of the outline at a time, and are at least .29 pixels.
+    sectors of the outline at a time, contain how far photographs differ, and are at least .29 pixels.
 
     Args:
         mask: True on the ball.
@@ -223,6 +224,7 @@ def find_ball(
         radius: The sphere's radius, scene units.
         whole: Whether pixels of the sphere outside the mask, in its own shadow, belong to the ball too.
         edge: Rows and columns of points of the outline; by default those of the mask's edge.
+        apart: How far photographs differ in the outline's column, row and radius, pixels; default 0.
 
     Returns:
         The ball.
@@ -258,7 +260,8 @@ def find_ball(
         depth = float(np.asarray(camera.target) @ frame[2])
         sphere = Sphere(np.array([*center[:2], depth]) @ frame, width)
         pixel = step
-    ball = Ball(camera, projection, sphere, mask, np.maximum(errors, UNIFORM * pixel), pixel)
+    errors = np.maximum(np.hypot(errors, apart * pixel), UNIFORM * pixel)
+    ball = Ball(camera, projection, sphere, mask, errors, pixel)
     return dataclasses.replace(ball, mask=_disc(ball) if whole else mask & _disc(ball))
 
 

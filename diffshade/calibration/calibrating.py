@@ -32,6 +32,7 @@ def calibrate(
     *,
     ball: str,
     mask: Any = None,
+    circle: Any = None,
     camera: AbstractCamera | None = None,
     radius: float | int | Sequence[float | int] = 1.0,
     directions: Any = None,
@@ -59,8 +60,11 @@ def calibrate(
             lights and material, from one photograph on).
         mask: A file or an array, True on the ball. Several masks are several mirror balls, which together give the
             positions of the lights. By default it is the file with "mask" in its name in the folder, else an alpha
-            channel, else the ball is searched for: before a dark background, or a mirror ball by its edge, for which a
-            picture under room light in the same folder, of another name than the photographs, is the best.
+            channel, else the ball is searched for: before a dark background, or a mirror ball by its edge and the
+            lights' highlights, for which a picture under room light in the same folder, of another name than the
+            photographs, is the best.
+        circle: Column, row and radius of the ball in the photographs (pixels, pixel centres at +.5), or of each ball,
+            instead of a mask.
         camera: By default a camera far away on +z, with the ball at the origin. With `Camera.from_intrinsics` the
             outline is an ellipse, the ball's place in space is found, and v points to the eye from each of its points.
         radius: The radius of the ball, or of each ball, in scene units; above 0.
@@ -73,14 +77,14 @@ def calibrate(
         Camera, ball and lights, with errors, and notes on what the photographs do not determine.
 
     Raises:
-        ValueError: If a photograph, mask, radius or direction is unusable, or shows no ball.
+        ValueError: If a photograph, mask, circle, radius or direction is unusable, or shows no ball.
         TypeError: If an argument has another type.
         FileNotFoundError: If a file does not exist.
     """
     _check(ball, camera, directions)
     with showing("calibrate", show=progress) as report_progress:
         report_progress("reading the photographs")
-        taken = gather(photographs, mask, srgb, mirror=ball == "mirror")
+        taken = gather(photographs, mask, srgb, mirror=ball == "mirror", circle=circle)
         balls = _balls(taken, ball, camera, radius)
         if ball == "mirror":
             found = by_mirrors(taken, balls, report_progress)
@@ -138,9 +142,10 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
     if not ((radii > 0).all() and np.isfinite(radii).all() and len(radii) in (1, len(taken.masks))):
         raise ValueError(f"radius must be a number above 0, or one per mask; got {radius!r}. Give scene units.")
     radii = np.broadcast_to(radii, len(taken.masks))
+    edges = [{"edge": of.points, "apart": of.errors} for of in taken.outlines] or [{}] * len(radii)
     return tuple(
-        find_ball(m, camera, float(r), whole=taken.found, edge=taken.edge)
-        for m, r in zip(taken.masks, radii, strict=True)
+        find_ball(m, camera, float(r), whole=taken.found, **edge)
+        for m, r, edge in zip(taken.masks, radii, edges, strict=True)
     )
 
 

@@ -60,17 +60,16 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     if not light.any():
         raise ValueError("the whole ball is black. Check the photograph and the mask.")
     half, second = _brightest_piece(light)
-    covered = half.sum() / max(inside.sum(), 1)
-    if covered > MINOR:
-        raise ValueError(
-            f"the ball shows no highlight: {100 * covered:.2g} % of it is at least half as bright as its brightest "
-            "pixel. Give photographs of a mirror ball in the dark, or ball='matte'."
-        )
-
     peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
     cleaned = without_streaks if largest_disc(half) >= MIN_DISC else lambda piece: piece
     highlights = [cleaned(_piece_about(light, level, peak)) for level in LEVELS]
     highlights = [piece for piece in highlights if piece.sum() <= MINOR * inside.sum()]
+    covered = half.sum() / max(inside.sum(), 1)
+    if covered > MINOR or not highlights:
+        raise ValueError(
+            f"the ball shows no highlight: {100 * covered:.2g} % of it is at least half as bright as its brightest "
+            "pixel. Give photographs of a mirror ball in the dark, or ball='matte'."
+        )
 
     def reflected(ball: Ball, highlight: np.ndarray) -> tuple[Vector, Vector]:
         row, column = np.nonzero(highlight)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ..model.lights import DirectionalLight, PointLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene
 from .balls import Ball
-from .highlights import find_glint, find_position
+from .highlights import Glint, find_glint, find_position
 from .photographs import Photographs
 from .result import Calibration, views_of
 
@@ -27,18 +27,7 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Cal
             glints.append([find_glint(taken.grey(i), ball) for ball in balls])
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
-    shift = np.rad2deg(2.0 / min(ball.radius for ball in balls))
-    notes = [
-        *taken.notes,
-        f"a mask shifted by one pixel would turn every direction by {shift:.2g} degrees; the errors include a shift of "
-        ".29 pixels.",
-        "the brightness of the highlights was not used: all intensities are 1. Photograph a matte ball for them.",
-    ]
-    if several := [name for name, of in zip(taken.names, glints, strict=True) if max(g.second for g in of) > SECOND]:
-        notes.append(
-            f"{listing(several)} {'shows' if len(several) == 1 else 'show'} more than one highlight; the brightest was "
-            "used. Switch the other lamps off, or exclude their reflections with the mask."
-        )
+    notes = _notes(taken, balls, glints)
     objects = [Object(ball.sphere, Material(k_d=1.0)) for ball in balls]
     directions = np.array([np.mean([g.direction for g in of], 0) for of in glints])
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -80,3 +69,21 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Cal
         position_errors=position_errors,
         notes=tuple(notes),
     )
+
+
+def _notes(taken: Photographs, balls: tuple[Ball, ...], glints: Sequence[Sequence[Glint]]) -> list[str]:
+    """Return how exact the outline is, and what the highlights do not show or show twice."""
+    shift = np.rad2deg(2.0 / min(ball.radius for ball in balls))
+    uncertain = max(float(np.sqrt(np.mean(ball.errors[:2] ** 2))) / ball.pixel for ball in balls)
+    notes = [
+        *taken.notes,
+        f"an outline shifted by one pixel would turn every direction by {shift:.2g} degrees; the errors include a "
+        f"shift of {uncertain:.2g} pixels.",
+        "the brightness of the highlights was not used: all intensities are 1. Photograph a matte ball for them.",
+    ]
+    if several := [name for name, of in zip(taken.names, glints, strict=True) if max(g.second for g in of) > SECOND]:
+        notes.append(
+            f"{listing(several)} {'shows' if len(several) == 1 else 'show'} more than one highlight; the brightest was "
+            "used. Switch the other lamps off, or exclude their reflections with the mask."
+        )
+    return notes

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..core.arrays import float64_of
 from ..core.masks import Mask
 from ..inverse.data.folders import list_folder
 from ..inverse.data.photograph_files import photograph_files
@@ -19,7 +20,8 @@ from ..inverse.data.samples import top_of
 from ..inverse.data.views import as_image, check_floats
 from ..io.images import read_image, without_alpha
 from .balls import MIN_FRACTION, largest, roundness
-from .edges import Points, alike, disc, find_edge
+from .edges import ANGLES, disc, shrunk
+from .outlines import JUDGED, Outline, find_outline
 
 _LOGGER = logging.getLogger("diffshade")
 
@@ -36,13 +38,13 @@ class Photographs:
     masks: tuple[Mask, ...]
     found: bool
     """Whether the mask was found in the photographs."""
-    edge: Points | None = None
-    """Rows and columns of points of a mirror ball's outline, where it was found in the photographs."""
+    outlines: tuple[Outline, ...] = ()
+    """The outline of each ball, where it was found by its edge, or given as a circle."""
 
     @property
     def notes(self) -> list[str]:
         """A note on a mask that was found."""
-        how = "by brightness" if self.edge is None else "by its edge"
+        how = "by its edge" if self.outlines else "by brightness"
         note = f"the ball's outline was found {how}; look at it, for a mask drawn by hand may be more accurate."
         return [note] if self.found else []
 
@@ -56,7 +58,7 @@ class Photographs:
         return np.asarray((image >= top_of(image)).any(-1))
 
 
-def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False) -> Photographs:
+def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False, circle: Any = None) -> Photographs:
     """Read photographs and masks in any of the forms that `calibrate` takes.
 
     Args:
@@ -64,8 +66,10 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
         mask: The mask, or masks; None finds it.
         srgb: Whether to decode files from the sRGB curve.
         mirror: Whether the ball is a mirror, whose outline is found by its edge.
+        circle: Column, row and radius of the ball, or of each ball, instead of a mask.
     """
-    names, images, mask, extras = _read(photographs, srgb, mask)
+    given = None if circle is None else _given_circles(circle, mask)
+    names, images, mask, extras = _read(photographs, srgb, mask, own=given is None)
     shapes = [image.shape[:2] for image in images]
     if len(set(shapes)) > 1:
         other = next(i for i, shape in enumerate(shapes) if shape != shapes[0])
@@ -77,15 +81,30 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
     images = [without_alpha(image[:]) if image.shape[2] in (2, 4) else image for image in images]
     for name, image in zip(names, images, strict=True):
         check_floats(name, image.dtype)
-    mask = [as_given(alpha)] if mask is None and alpha is not None else mask
-    edge = _edge(images, extras, srgb) if mask is None and mirror else None
-    if edge is not None:
-        masks = (disc(edge, shapes[0]),)
+    mask = [as_given(alpha)] if mask is None and given is None and alpha is not None else mask
+    outlines = given or ((_outline(images, extras, srgb),) if mask is None and mirror else ())
+    if outlines:
+        masks = tuple(disc(outline.circle, shapes[0]) for outline in outlines)
     else:
         masks = (_round_piece(images),) if mask is None else tuple(_of_shape(m, shapes[0]) for m in mask)
     for name, image in zip(names, images, strict=True):
         _check_finite(name, np.asarray(image[:]), np.logical_or.reduce(masks))
-    return Photographs(tuple(names), tuple(images), masks, mask is None, edge)
+    return Photographs(tuple(names), tuple(images), masks, mask is None and given is None, outlines)
+
+
+def _given_circles(circle: Any, mask: Any) -> tuple[Outline, ...]:
+    """Return the outline that each given circle is."""
+    if mask is not None:
+        raise ValueError("a ball has a mask or a circle; got both. Leave one out.")
+    circles = np.atleast_2d(float64_of("circle", circle))
+    if circles.ndim != 2 or circles.shape[1] != 3 or not np.isfinite(circles).all() or not (circles[:, 2] > 0.0).all():
+        raise ValueError(
+            f"circle must be column, row and radius, pixels; got {circle!r}. Give for example (320, 240, 100)."
+        )
+    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES, endpoint=False)
+    return tuple(
+        Outline(one, (one[1] + one[2] * np.sin(angle), one[0] + one[2] * np.cos(angle)), np.zeros(3)) for one in circles
+    )
 
 
 def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
@@ -98,24 +117,20 @@ def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
         )
 
 
-def _edge(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> Points:
+def _outline(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> Outline:
     """Return the outline of a mirror ball, by a picture under room light where the folder has one."""
-    pictures = [np.asarray(image[:], np.float64).mean(-1) for image in images]
-    own = find_edge(pictures)
+    total, small = np.zeros(images[0].shape[:2], np.float32), []
+    for image in images:
+        grey = np.asarray(image[:], np.float32).mean(-1)
+        total += grey
+        small.append(shrunk(grey, JUDGED)[0])
+    rooms = []
     for file in extras:
         try:
-            room = without_alpha(read_image(file, srgb=srgb)).mean(-1)
+            rooms.append(without_alpha(read_image(file, srgb=srgb)).mean(-1))
         except (OSError, ValueError):  # no picture of the ball
             continue
-        edge = find_edge([room]) if room.shape == pictures[0].shape else None
-        if edge is not None and (own is None or alike(edge, own)):
-            return edge
-    if own is None:
-        raise ValueError(
-            "no round outline was found in the photographs. A mirror ball reflects the room; give its mask: "
-            "mask='mask.png' (--mask), or add a picture of it under room light to the folder."
-        )
-    return own
+    return find_outline(small, total / len(images), [room for room in rooms if room.shape == total.shape])
 
 
 def _given_masks(mask: Any) -> list[Mask] | None:
@@ -129,9 +144,9 @@ def _given_masks(mask: Any) -> list[Mask] | None:
 
 
 def _read(
-    photographs: Any, srgb: bool | None, mask: Any
+    photographs: Any, srgb: bool | None, mask: Any, *, own: bool
 ) -> tuple[list[str], list[Any], list[Mask] | None, tuple[Path, ...]]:
-    """Return names and images, the masks, by default that in the same folder, and images left out there."""
+    """Return names and images, the masks, by default the folder's `own`, and images left out there."""
     masks: list[Path] = []
     extras: tuple[Path, ...] = ()
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
@@ -139,7 +154,7 @@ def _read(
         found = list_folder(folder)
         for note in found.notes:
             _LOGGER.warning("%s: %s", folder, note)
-        files, masks, extras = list(found.files), list(found.masks), found.extras
+        files, masks, extras = list(found.files), list(found.masks) if own else [], found.extras
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):

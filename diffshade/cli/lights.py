@@ -11,7 +11,7 @@ import click
 
 from ..core.words import with_names
 from .sources import ENCODING, EXIF, Encodings, by_name
-from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, with_json
+from .terminal import FILE, FOLDER, SETTINGS, Circle, OneOf, answer, with_json
 
 if TYPE_CHECKING:
     import diffshade as ds
@@ -26,6 +26,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.argument("photos", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--ball", type=OneOf(BALLS), required=True, help="mirror, matte or glossy")
 @click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: the folder's, or found]")
+@click.option("--circle", type=Circle(), multiple=True, metavar="X,Y,R", help="Or its column, row and radius, pixels")
 @ENCODING
 @EXIF
 @click.option("--camera", type=FILE, help="Scene with the [camera]  [default: far away]")
@@ -42,6 +43,7 @@ def calibrate(
     photos: tuple[Path, ...],
     ball: str,
     mask: tuple[Path, ...],
+    circle: tuple[tuple[float, ...], ...],
     srgb: bool | None,
     no_exif: bool,
     camera: Path | None,
@@ -66,20 +68,22 @@ def calibrate(
         raise ValueError("--apart and --width are of two balls and an object beside them. Give --apply FOLDER.")
     if thing is not None and out is None:
         raise ValueError(f"--apply {thing} needs a folder to write. Give -o FOLDER.")
-    balls_and_masks = _balls_and_masks(photos, mask, beside=thing is not None)
+    if mask and circle:
+        raise ValueError("--mask and --circle both say where the balls are. Give one of them.")
+    balls_and_places = _balls_and_places(photos, mask or circle, beside=thing is not None)
     listed = None if against is None else read_directions(against)
     balls = [
         ds.calibrate(
             path,
             ball=ball,
-            mask=of,
+            **{"circle" if circle else "mask": of},
             camera=None if camera is None else ds.read_camera(camera),
             radius=radius,
             directions=directions,
             srgb=srgb,
             progress=True,
         )
-        for path, of in balls_and_masks
+        for path, of in balls_and_places
     ]
     found = balls[0]
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
@@ -117,15 +121,19 @@ def _applied_data(applied: ds.AppliedLights) -> dict[str, Any]:
     }
 
 
-def _balls_and_masks(photos: tuple[Path, ...], mask: tuple[Path, ...], *, beside: bool) -> list[tuple[Any, Any]]:
-    """Return the photographs and the mask, or masks, of each ball; `beside`: whether an object is beside them."""
+def _balls_and_places(photos: tuple[Path, ...], places: tuple[Any, ...], *, beside: bool) -> list[tuple[Any, Any]]:
+    """Return the photographs of each ball and its mask or circle, or several; `beside`: whether of one object."""
     if len(photos) == 1 or not all(path.is_dir() for path in photos):
-        return [(photos[0] if len(photos) == 1 else photos, mask if len(mask) > 1 else mask[0] if mask else None)]
+        return [
+            (photos[0] if len(photos) == 1 else photos, places if len(places) > 1 else places[0] if places else None)
+        ]
     if not beside:
         raise ValueError("several folders are balls beside one object. Give its photographs with --apply FOLDER.")
-    if len(mask) not in (0, len(photos)):
-        raise ValueError(f"--mask must be given for each of the {len(photos)} folders, or for none; got {len(mask)}.")
-    return list(zip(photos, mask or [None] * len(photos), strict=True))
+    if len(places) not in (0, len(photos)):
+        raise ValueError(
+            f"--mask or --circle must be given for each of the {len(photos)} folders, or for none; got {len(places)}."
+        )
+    return list(zip(photos, places or [None] * len(photos), strict=True))
 
 
 def _encodings(photos: tuple[Path, ...], srgb: bool | None) -> Encodings:

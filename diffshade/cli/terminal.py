@@ -114,6 +114,23 @@ class LightsOn(click.ParamType):
             )
 
 
+class Circle(click.ParamType):
+    """Column, row and radius of a circle."""
+
+    name = "x,y,r"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            column, row, radius = (float(number) for number in value.split(","))
+        except ValueError:
+            self.fail(
+                f"a circle is column, row and radius, pixels; got '{value}'. Give for example 320,240,100.", param, ctx
+            )
+        return column, row, radius
+
+
 class Size(click.ParamType):
     """Width and height of a picture."""
 

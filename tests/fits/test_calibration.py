@@ -313,7 +313,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no number for a radius": ({"radius": "big"}, "radius must be an array of real numbers; got str of <U3"),
     "two radii of one ball": ({"radius": (1, 2)}, "radius must be a number above 0, or one per mask; got (1, 2)"),
     "nothing but a highlight": ({"ball": "mirror"}, "photograph 0: the ball shows no highlight: "),
-    "a mirror without a mask": ({"ball": "mirror", "mask": None}, "the ball shows no highlight: "),
+    "a mirror without a mask": ({"ball": "mirror", "mask": None}, "the ball's outline was not found: "),
     "two balls far away": ({"ball": "mirror", "mask": (MASK, MASK)}, "several masks (2) need mirror balls"),
     "directions that do not match": ({"directions": DIRECTIONS}, "each of the 1 photographs; got shape (4, 3)"),
     "directions for a mirror": (

@@ -7,7 +7,6 @@ import pytest
 from balls import FAR, SHAPE, lit_by, photographs
 
 import diffshade as ds
-from diffshade.calibration.edges import find_edge
 from diffshade.calibration.object_lights import between
 from diffshade.inverse.data.masks import find_mask
 from diffshade.inverse.data.photographs import read_folder
@@ -46,21 +45,6 @@ def folders(tmp_path_factory):
 def balls(folders):
     mask = ds.intersect(lit_by(lights_about(COUNT), GLINT), FAR).mask
     return [ds.calibrate(folders[0] / name, ball="mirror", mask=mask) for name in ("left", "right")]
-
-
-def test_an_outline_is_found_by_its_edge():
-    row, column = np.indices((300, 260)) + 0.5
-    off = np.hypot(row - 140.3, column - 121.7) - 90.4
-    wall = 0.2 + 0.1 * np.sin(row / 40.0)
-    picture = np.where(off < 0, 0.02, wall) + 0.5 * np.exp(-((row - 100) ** 2 + (column - 100) ** 2) / 30.0)
-    edge = find_edge([picture])
-    assert edge is not None
-    rows, columns = edge
-    distances = np.hypot(rows - 140.3, columns - 121.7)
-    assert len(rows) > 500
-    assert abs(distances.mean() - 90.4) < 0.5
-    assert distances.std() < 0.5
-    assert find_edge([np.full((80, 80), 0.3)]) is None
 
 
 @pytest.mark.thorough

@@ -488,6 +488,10 @@ def test_a_balls_lights_are_found_and_compared_with_a_list(typed):
     np.testing.assert_allclose(np.loadtxt("ready/light_directions.txt"), told["directions"], atol=1e-6)
     known = typed(*words, "--directions", "list.txt", "--json").told
     np.testing.assert_allclose(known["directions"], np.loadtxt("list.txt"), atol=1e-6)
+    rows, columns = np.nonzero(ds.read_mask("photographs/mask.png"))
+    circle = f"{columns.mean() + 0.5},{rows.mean() + 0.5},{np.sqrt(len(rows) / np.pi)}"
+    by_circle = typed(*words, "--circle", circle, "--json").told
+    np.testing.assert_allclose(by_circle["directions"], told["directions"], atol=0.05)
 
 
 @pytest.mark.thorough
@@ -577,6 +581,11 @@ BAD = {
     "one model": (["compare", "photographs", "--model", "matte"], "two or more"),
     "one model twice": (["compare", "photographs", "--model", "matte,matte"], "two or more"),
     "a ball that there is not": (["calibrate", "photographs", "--ball", "miror"], "Did you mean 'mirror'?"),
+    "no circle": (["calibrate", "photographs", "--ball", "matte", "--circle", "3,4"], "got '3,4'"),
+    "a mask and a circle": (
+        ["calibrate", "photographs", "--ball", "matte", "--circle", "3,4,5", "--mask", "photographs/mask.png"],
+        "--mask and --circle both say where",
+    ),
     "a list that is missing": (
         ["calibrate", "photographs", "--ball", "matte", "--directions", "no.txt"],
         "there is no file no.txt",
