@@ -30,17 +30,17 @@ from ..parallel.run_folders import fingerprint
 from .checks import check_anything_left, checked, checked_light_error
 from .conventions import other_light_convention
 from .light_directions import note_on_normals
-from .lighting import Exposures, LightErrors
-from .lights.exposures import Taught, errors_with, found_exposures, notes_on, undone
+from .lighting import LightErrors
+from .lights.exposures import Taught, errors_with, found_exposures, taught_by, undone
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
 from .robust.run import RobustRun
 from .robust.turned_lights import note_on_turned_lights
 from .run import TexelRun
-from .status import DETERMINED, NO_HIGHLIGHT, UNDETERMINED
+from .status import UNDETERMINED
 from .tile_runner import TileRunner
-from .tiles import LEARNING_SAMPLE, ViewReader
+from .tiles import LEARNING_SAMPLE
 
 _LOGGER = logging.getLogger("diffshade")
 MEMORY = 1 << 28  # bytes of the photographs that are read at once
@@ -168,13 +168,13 @@ def fit_texels(
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
         with contextlib.closing(tiles):
             maps = _fit(scene, views, choices, tiles)
-    if sensor is not None and one_sensor:
-        maps = dataclasses.replace(maps, sensor=sensor)
-    if any(isinstance(note, Note) and note.kind == "cause" for note in maps.notes):
-        known = (maps.status == DETERMINED) | (maps.status == NO_HIGHLIGHT)
-        maps = dataclasses.replace(maps, status=np.where(known, UNDETERMINED, maps.status).astype(np.uint8))
-    if tiles.store.folder is not None and tiles.store.first:
-        maps.describe(tiles.store.folder)
+            if sensor is not None and one_sensor:
+                maps = dataclasses.replace(maps, sensor=sensor)
+            if any(isinstance(note, Note) and note.kind == "cause" for note in maps.notes):
+                status = np.where(maps.known, UNDETERMINED, maps.status).astype(np.uint8)
+                maps = dataclasses.replace(maps, status=status)
+            if tiles.store.folder is not None and tiles.store.first:
+                maps.describe(tiles.store.folder)
     return maps
 
 
@@ -199,20 +199,20 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     )
     sample = tiles.reader.sample(LEARNING_SAMPLE)
     check_anything_left(np.ones(len(sample.pixels)))
-    models = run.learn(sample)
-    if other is None:
-        found = found_exposures(scene, views, Taught(run, models, sample), light_error) if match_exposures else None
-        if isinstance(found, Exposures):
-            moved = undone(found, scene, views)
-            tiles.reader = ViewReader(*moved)
-            known = choices._replace(match_exposures=False, light_error=errors_with(found, light_error))
-            maps = _fit(*moved, known, tiles)
-            return dataclasses.replace(maps, notes=(*notes_on(found, scene, views), *maps.notes), exposures=found)
-        notes = notes if found is None else (*notes, found)
-        notes = (*notes, *note_on_turned_lights(run, models, sample))
-    if light_error is None and own_exponents_predict_better(run, models, sample, each.setup.lobe, each.estimates):
-        return each.maps(lights, notes)
-    return run.maps(models, sample, notes)
+    taught, exposures, on_lights = Taught(run, run.learn(sample), sample), None, ()
+    if other is None and match_exposures:
+        exposures, on_lights = found_exposures(scene, views, taught, light_error)
+    if exposures is not None:
+        taught = taught_by(taught, undone(exposures, scene, views), views)
+        taught.run.light_error = light_error = errors_with(exposures, light_error)
+    if other is None and len(on_lights) < 2:  # no light is named yet
+        on_lights = (*on_lights, *note_on_turned_lights(*taught))
+    notes = (*notes, *on_lights)
+    run, models, sample = taught
+    by_itself = light_error is None and own_exponents_predict_better(*taught, each.setup.lobe, each.estimates)
+    maps = each.maps(lights, notes) if by_itself else run.maps(models, sample, notes)
+    as_given = eqx.tree_at(lambda of: of.lights, maps.scene, scene.lights)
+    return dataclasses.replace(maps, scene=as_given, exposures=exposures)
 
 
 def _lacks_a_channel(scene: Scene, views: Sequence[View]) -> bool:

@@ -31,9 +31,9 @@ class Exposures(NamedTuple):
     """How much more each photograph shows than its exposure says, found from all texels of an object, and undone."""
 
     factor: Float[np.ndarray, "views channels"]
-    """1 on average."""
+    """1 in the median."""
     error: Float[np.ndarray, " views"]
-    """Relative standard error, which the channels share."""
+    """Relative standard error of the brightness, which the channels share."""
     directions: Float[np.ndarray, "views 3"]
     """Unit vectors to the light of each view, as found together with the exposures."""
 

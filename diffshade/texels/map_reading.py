@@ -105,9 +105,7 @@ def _maps(folder: Path, about: dict[str, Any], scene: Any, camera: Any) -> Texel
         _highlights(folder, about.get("highlight", ()), shape),
         _unexplained(folder, about["unexplained"], shape) if "unexplained" in about else None,
         _sensor(about["sensor"]) if "sensor" in about else None,
-        Exposures(*(np.array(about["exposures"][name]) for name in Exposures._fields))
-        if "exposures" in about
-        else None,
+        _exposures(about["exposures"]) if "exposures" in about else None,
     )
 
 

@@ -2,12 +2,12 @@ r"""Exposures: how much more each photograph shows than it is said to, channel b
 
 What a texel shows of each channel, relative to its mean over the channels, is the same in all photographs, so that a
 photograph's own colour is the median of what its texels differ by. Its brightness follows with all texels eliminated
-(`joint`), and with the directions of the lights, which are known to a degree or so, left to move as far.
+(`joint`), and with the directions of the lights, which are known to a degree or so, left to move as far. The median
+photograph is as bright as it is said to be, for k_d takes back what all have in common.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,69 +16,33 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
-from ...core.thresholds import CLEARLY, DEGREE, MINOR, SMALL
+from ...core.thresholds import CLEARLY, DEGREE, MINOR, SLIGHT, SMALL, TINY
 from ...core.words import MAX_NAMED, Note
-from ...inverse.data.recording import developed
-from ...inverse.data.sensors import Sensor
 from ...inverse.data.views import View, lights_on
 from ...inverse.unknowns.light_priors import middle_of
 from ...model.scenes import Scene
-from ..between_lights import MIN_VIEWS
 from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..lighting import Exposures, LightErrors, LightingSetup, lighting_setup
 from ..prediction import KnownCoefficients
 from ..robust.calibration import GROUPS
-from ..robust.choice import errors_of_shared, fewer, mean_error
+from ..robust.choice import clearly_better, errors_of_shared, fewer
 from ..robust.learning import MIN_SAMPLES, ObjectModel
 from ..robust.observations import reflectances
 from ..robust.run import RobustRun
 from ..robust.turned_lights import note_on_directions
-from ..tiles import LEARNING_SAMPLE, TexelTile, ViewReader
+from ..tiles import TexelTile
 from .joint import Responses, light_equations, responses
 from .placing import LightEstimates, directions_to, scene_with
 from .refining import Stated, refine
 
+ENOUGH = 2 * GROUPS  # photographs: of nine under lights on one side, another minimum explains other exposures as well
 ANOTHER_BRIGHTNESS = CLEARLY * SMALL  # of the logarithm: what a model leaves out of real photographs moves none as far
 HARDLY_LIT = MINOR  # of a texel's brightest: below it noise and ambient light have a colour of their own
 
 
-def notes_on(found: Exposures, scene: Scene, views: Sequence[View]) -> tuple[Note, ...]:
-    """Return in words what was found, and which lights are far from where the scene says."""
-    note = Note(
-        "photographs are brighter or darker than their exposures say, or of another colour: "
-        f"{_named(found.factor)}, within {np.median(found.error):.1%}. This was found from the object and undone; "
-        "match_exposures=False, or --no-exposure, takes them as they are said to be.",
-        "exposure",
-    )
-    said = directions_to(scene, _lights_of(scene, views), middle_of(scene))
-    return (note, *note_on_directions(found.directions, said, np.ones(len(views), bool)))
-
-
-def _lights_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
-    """Return the light of each view."""
-    return np.array([lights_on(scene, view)[0] for view in views])
-
-
-def undone(found: Exposures, scene: Scene, views: Sequence[View]) -> tuple[Scene, tuple[View, ...]]:
-    """Return a scene with the lights as found, and views that say how they were exposed."""
-    used = _lights_of(scene, views)
-    lamps = LightEstimates(found.directions, np.ones(len(views)))
-    moved = scene_with(scene, used, lamps, middle_of(scene))
-    return moved, tuple(_exposed(view, factor) for view, factor in zip(views, found.factor, strict=True))
-
-
-def _exposed(view: View, factor: Float[np.ndarray, " channels"]) -> View:
-    """Return a view that says by how much more it shows; what only a channel shows is taken from its image."""
-    of_green = factor[len(factor) // 2]
-    view = dataclasses.replace(view, exposure=float(view.exposure) * of_green)
-    if (factor == of_green).all():
-        return view
-    return developed(dataclasses.replace(view, sensor=Sensor(red=factor[0] / of_green, blue=factor[-1] / of_green)))
-
-
 class Taught(NamedTuple):
-    """Photographs of an object, what works on their texels, and what a sample of these has taught."""
+    """What works on the texels of an object, and what a sample of them has taught."""
 
     run: RobustRun
     models: Sequence[ObjectModel]
@@ -86,18 +50,18 @@ class Taught(NamedTuple):
     sample: TexelTile
 
     @property
-    def error(self) -> float:
-        """How far photographs that are left out are from what the others predict."""
-        return mean_error(errors_of_shared(self.run, fewer(self.sample), self.models))
+    def errors(self) -> Float[np.ndarray, " views"]:
+        """How far each photograph is from what the others predict."""
+        return errors_of_shared(self.run, fewer(self.sample), self.models)
 
 
 def found_exposures(
     scene: Scene, views: Sequence[View], first: Taught, light_error: LightErrors | None
-) -> Exposures | Note | None:
-    """Return how much more each photograph shows than it is said to; None where that is less than models leave out.
+) -> tuple[Exposures | None, tuple[Note, ...]]:
+    """Return how much more each photograph shows than it is said to, and notes; None where it is not told.
 
-    Brightness is believed only if photographs that are left out are predicted better; else, and with less than twelve
-    photographs, a note says that it differs. Each photograph must have one light of its own.
+    Each photograph must have one light of its own. Brightness is believed only if photographs that are left out are
+    clearly predicted better, and of twelve or more; of fewer a note says that it differs.
 
     Args:
         scene: One object and its lights.
@@ -105,28 +69,41 @@ def found_exposures(
         first: What they teach with the exposures as they are said to be.
         light_error: How well the lights are known; None is a degree.
     """
-    if not _one_light_each(scene, views):
-        return None
-    colour, every = _colours(first), len(views)
+    colour = _colours(first) if _one_light_each(scene, views) else None
+    if colour is None:
+        return None, ()
     coloured, step = np.abs(np.log(colour)).max() > MINOR, _first_step(first)
     if not coloured and np.abs(step).max() < ANOTHER_BRIGHTNESS:
-        return None
+        return None, ()
+    colour = colour if coloured else np.ones_like(colour)
     given = directions_to(scene, _lights_of(scene, views), middle_of(scene))
-    as_said = Exposures(colour if coloured else np.ones_like(colour), np.abs(step), given)
-    if every >= MIN_VIEWS:
-        turn = errors_with(as_said, light_error).direction
-        error, found = np.sqrt(np.square(turn).sum((1, 2)) / 3.0), as_said
-        for held in (0.0, 1.0):  # lights that may move at once take the exposures' part
-            found = _refined(found, scene, views, first.run, held * error)
-        if _taught(first.run, *undone(found, scene, views)).error < first.error:
-            return found
+    as_said = Exposures(colour, np.maximum(np.abs(step), SLIGHT), given)
+    if len(views) >= ENOUGH:
+        found = as_said
+        for free in (0.0, 1.0):  # lights that may move at once take the exposures' part
+            found = _refined(found, scene, views, first, free * _of_directions(as_said, light_error))
+        if clearly_better(first.errors, taught_by(first, undone(found, scene, views), views).errors):
+            return found, _notes_on(found, given)
     if coloured:
-        return as_said
-    return Note(
-        f"photographs seem to be brighter or darker than their exposures say, {_named(np.exp(step)[:, None])}, but do "
-        f"not tell by how much: it takes {MIN_VIEWS} that agree. State their exposures.",
-        "exposure",
+        return as_said, _notes_on(as_said, given)
+    if len(views) >= ENOUGH:
+        return None, ()
+    text = (
+        f"photographs seem to be brighter or darker than their exposures say, {_named(np.exp(step)[:, None])}, but "
+        f"fewer than {ENOUGH} do not tell by how much. State their exposures, or add photographs."
     )
+    return None, (Note(text, "exposure"),)
+
+
+def undone(found: Exposures, scene: Scene, views: Sequence[View]) -> Scene:
+    """Return a scene whose lights are where they were found, and as much brighter as their photographs are exposed."""
+    return scene_with(scene, _lights_of(scene, views), LightEstimates(found.directions, found.factor), middle_of(scene))
+
+
+def taught_by(first: Taught, scene: Scene, views: Sequence[View]) -> Taught:
+    """Return what the same texels teach under other lights."""
+    run = _run_like(first.run, scene, views)
+    return Taught(run, run.learn(first.sample), first.sample)
 
 
 def errors_with(found: Exposures, light_error: LightErrors | None) -> LightErrors:
@@ -135,10 +112,40 @@ def errors_with(found: Exposures, light_error: LightErrors | None) -> LightError
     return LightErrors(each if light_error is None else light_error.direction, found.error)
 
 
+def _of_directions(found: Exposures, light_error: LightErrors | None) -> Float[np.ndarray, " views"]:
+    """Return the standard deviation of each direction about each of the two axes across it."""
+    root = errors_with(found, light_error).direction
+    along = np.einsum("vi,vij->vj", found.directions, root)
+    return np.sqrt((np.square(root).sum((1, 2)) - np.square(along).sum(1)) / 2.0)
+
+
+def _notes_on(found: Exposures, said: Float[np.ndarray, "views 3"]) -> tuple[Note, ...]:
+    """Return in words what was found, and which lights are far from where the scene says."""
+    text = (
+        "photographs are brighter or darker than their exposures say, or of another colour: "
+        f"{_named(found.factor)}, within {np.median(found.error):.1%}. This was found from the object and undone; "
+        "match_exposures=False, or --no-exposure, takes them as they are said to be."
+    )
+    moved = note_on_directions(found.directions, said, np.ones(len(said), bool))
+    return (Note(text, "exposure"), *moved)
+
+
 def _named(factor: Float[np.ndarray, "views channels"]) -> str:
     """Return in words by how much the photographs that differ most do."""
     most = np.argsort(-np.abs(np.log(factor)).max(-1), kind="stable")[:MAX_NAMED]
-    return ", ".join(f"views[{v}] {' '.join(f'{one:.2f}' for one in factor[v])}" for v in most) + " times"
+
+    def times(of: Float[np.ndarray, " channels"]) -> str:
+        if np.ptp(of) < SLIGHT:
+            return f"{of[0]:.2f} times"
+        return " ".join(f"{name} {one:.2f}" for name, one in zip(("red", "green", "blue"), of, strict=True)) + " times"
+
+    more = f", and {len(factor) - len(most)} more" if len(factor) > len(most) else ""
+    return ", ".join(f"views[{v}] {times(factor[v])}" for v in most) + more
+
+
+def _lights_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
+    """Return the light of each view."""
+    return np.array([lights_on(scene, view)[0] for view in views])
 
 
 def _one_light_each(scene: Scene, views: Sequence[View]) -> bool:
@@ -150,56 +157,54 @@ def _one_light_each(scene: Scene, views: Sequence[View]) -> bool:
 
 
 def _run_like(run: RobustRun, scene: Scene, views: Sequence[View]) -> RobustRun:
-    """Return what works on the texels of other views of the same object."""
+    """Return what works on the same texels under other lights."""
     setup = lighting_setup(scene, views)
     return RobustRun(
         setup, run.known, run.loss, run.regions, run.tiles, neighbours=run.neighbours, light_error=run.light_error
     )
 
 
-def _taught(run: RobustRun, scene: Scene, views: Sequence[View]) -> Taught:
-    """Return what other views of the same object teach."""
-    other, sample = _run_like(run, scene, views), ViewReader(scene, views).sample(LEARNING_SAMPLE)
-    return Taught(other, other.learn(sample), sample)
-
-
 def _refined(
-    found: Exposures, scene: Scene, views: Sequence[View], run: RobustRun, error: Float[np.ndarray, " views"]
+    found: Exposures, scene: Scene, views: Sequence[View], first: Taught, error: Float[np.ndarray, " views"]
 ) -> Exposures:
-    """Return exposures that agree better with all texels, with lights that are known to an error, from those found."""
+    """Return exposures that agree better with all texels, from those found, with lights that are known to an error."""
     used, middle = _lights_of(scene, views), middle_of(scene)
     given = directions_to(scene, used, middle)
-    _, exposed = undone(found, scene, views)
-    refined = refine(
-        lambda lamps: scene_with(scene, used, lamps, middle),
-        exposed,
-        _run_like(run, scene, exposed),
-        ViewReader(scene, exposed).sample(LEARNING_SAMPLE),
-        np.arange(len(views)),
-        Stated(given, error, np.full(len(views), np.inf)),
-        run.tiles.report_progress,
-    )
+
+    def lit(lamps: LightEstimates) -> Scene:
+        return scene_with(scene, used, LightEstimates(lamps.directions, found.factor * lamps.gain[:, None]), middle)
+
+    stated = Stated(given, error, np.full(len(views), np.inf))
+    run = _run_like(first.run, lit(LightEstimates(given, np.ones(len(views)))), views)
+    report = run.tiles.report_progress
+    refined = refine(lit, views, run, first.sample, np.arange(len(views)), stated, report)
     directions, gain = refined.lamps
-    off = np.sqrt(refined.own[:, 2, 2] + refined.shared[:, 2, 2])
-    return Exposures(found.factor * gain[:, None], off, directions)
+    error = np.sqrt(refined.own[:, 2, 2] + refined.shared[:, 2, 2])
+    return Exposures(found.factor * (gain / np.median(gain))[:, None], error, directions)
 
 
 def _first_step(taught: Taught) -> Float[np.ndarray, " views"]:
-    """Return the first Gauss-Newton step of the logarithm of each photograph's brightness, 0 in the mean."""
+    """Return by how much brighter each photograph is to first order, as a logarithm, 0 in the median."""
     run, models, sample = taught
 
     def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Responses:
         return responses([run.setup], run.known, block, model)
 
     every, texels = len(sample.counts), len(sample.pixels)
-    equations = light_equations(run.each(sample, program, models), np.arange(every), every, np.zeros(texels, int), 1)
-    # k_d takes back what all photographs have in common
-    step = -np.linalg.pinv(equations.S, rcond=MINOR / every, hermitian=True) @ equations.gradient[0]
-    return step - step.mean()
+    S, by_cell = light_equations(run.each(sample, program, models), np.arange(every), every, np.zeros(texels, int), 1)
+    # a photograph that is far off has lost its weight: each by its own curvature, and what all share is nobody's
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), TINY))
+    step = -scale * (
+        np.linalg.pinv(scale[:, None] * S * scale, rcond=MINOR / every, hermitian=True) @ (scale * by_cell[0])
+    )
+    return np.log(np.maximum(1.0 + step - np.median(step), SMALL))
 
 
-def _colours(taught: Taught) -> Float[np.ndarray, "views channels"]:
-    """Return how much more each photograph shows of each channel than of their mean, 1 on average."""
+def _colours(taught: Taught) -> Float[np.ndarray, "views channels"] | None:
+    """Return how much more each photograph shows of each channel than of their mean, 1 in the median.
+
+    None where a photograph lights too few texels.
+    """
     run, models, sample = taught
 
     def program(block: TexelBlock, _: ObjectModel, __: np.ndarray | None) -> Array:
@@ -207,16 +212,14 @@ def _colours(taught: Taught) -> Float[np.ndarray, "views channels"]:
 
     shown = np.asarray(run.each(sample, program, models))
     grey = shown.mean(1)
-    counts = sample.counts & (grey > HARDLY_LIT * grey.max(0)) & (shown > 0.0).all(1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        colour = np.where(counts[:, None], np.log(shown / grey[:, None]), np.nan)
-    enough = counts.sum(0) > len(counts) // 2
-    if enough.sum() < MIN_SAMPLES or shown.shape[1] == 1:
-        return np.ones(shown.shape[:2])
-    colour = colour[..., enough]
-    off = np.nanmedian(colour - np.nanmedian(colour, 0), -1)
-    off = np.where(np.isfinite(off), off, 0.0)
-    return np.exp(off - off.mean(0) - (off - off.mean(0)).mean(1, keepdims=True))
+    lit = sample.counts & (grey > HARDLY_LIT * grey.max(0)) & (shown > 0.0).all(1)
+    if (lit.sum(1) < MIN_SAMPLES).any():
+        return None
+    known = np.broadcast_to(lit[:, None], shown.shape)
+    colour = np.ma.masked_array(np.log(np.where(known, shown / np.where(lit, grey, 1.0)[:, None], 1.0)), ~known)
+    off = np.ma.median(colour - np.ma.median(colour, 0), -1).filled(0.0)
+    off = off - np.median(off, 0)
+    return np.exp(off - off.mean(1, keepdims=True))
 
 
 @jax.jit

@@ -15,7 +15,7 @@ class LightEstimates(NamedTuple):
     """Lights: unit directions towards them, and how much brighter they are than the scene says."""
 
     directions: Float[np.ndarray, "lights 3"]
-    gain: Float[np.ndarray, " lights"]
+    gain: Float[np.ndarray, "lights *channels"]
 
 
 def directions_to(

@@ -32,7 +32,7 @@ def facts(maps: TexelMaps, fitted: int, left_out: int, off: Float[np.ndarray, " 
         found.append(("photographs", f"{fitted} + {left_out} left out" if left_out else f"{fitted}"))
     if "normal" in maps.errors and maps.known.any():
         error = np.median(maps.errors["normal"][maps.status != OUTSIDE])  # of all texels: those known flatter
-        found.append(("error of the normals", f"{error:.2g}°" if np.isfinite(error) else "unknown at most"))
+        found.append(("error of the normals", f"{error:.2g}°" if np.isfinite(error) else "unknown at most texels"))
     if left_out:
         found.append(("photographs left out, off by", f"{100 * np.nanmedian(off):.2g}\u202f%"))
     return found

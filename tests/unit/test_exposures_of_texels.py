@@ -1,0 +1,87 @@
+"""Exposures of texels: what photographs say of their own brightness and colour, and what is done with it."""
+
+import numpy as np
+import pytest
+from bumpy import bumpy
+
+import diffshade as ds
+from diffshade.core.backend import in_float64
+from diffshade.texels.lighting import Exposures, LightErrors
+from diffshade.texels.lights.exposures import _named, _of_directions, undone
+from diffshade.texels.lights.placing import LightEstimates, directions_to, scene_with
+
+FACTOR = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 0.5], [0.5, 0.5, 0.5], [1.0, 1.0, 1.0]])
+
+
+def lamps(count):
+    along = np.linspace(-0.6, 0.6, count)
+    lights = [ds.DirectionalLight((x, 0.2, -1.0), intensity=0.5) for x in along]
+    of = bumpy("matte", count, 40.0)
+    return ds.Scene(of.scene.objects[0], lights), of.views
+
+
+def test_a_photograph_that_shows_more_has_a_brighter_light():
+    scene, views = lamps(4)
+    with in_float64():
+        given = directions_to(scene, np.arange(4), np.zeros(3))
+        matched = undone(Exposures(FACTOR, np.zeros(4), given), scene, views)
+    intensity = np.array([np.asarray(light.intensity) for light in matched.lights])
+    np.testing.assert_allclose(intensity, 0.5 * FACTOR, rtol=1e-6)
+    np.testing.assert_allclose(directions_to(matched, np.arange(4), np.zeros(3)), given, atol=1e-6)
+
+
+def test_a_lamp_keeps_its_distance():
+    scene, _ = lamps(1)
+    near = ds.Scene(scene.objects[0], [ds.PointLight((0.0, 0.0, 3.0))])
+    moved = scene_with(near, np.arange(1), LightEstimates(np.array([[0.6, 0.0, 0.8]]), np.ones(1)), np.zeros(3))
+    (light,) = moved.lights
+    assert isinstance(light, ds.PointLight)
+    np.testing.assert_allclose(light.position, (1.8, 0.0, 2.4), atol=1e-6)
+
+
+def test_what_differs_most_is_named_first():
+    assert _named(FACTOR).startswith("views[1] red 2.00 green 1.00 blue 0.50 times, views[2] 0.50 times")
+    assert _named(FACTOR).endswith("and 1 more")
+    assert _named(FACTOR[:, :1]).startswith("views[1] 2.00 times")
+
+
+def test_a_covariance_of_directions_has_two_axes():
+    l = np.array([[0.0, 0.6, 0.8]])
+    found = Exposures(np.ones((1, 3)), np.zeros(1), l)
+    across = np.eye(3) - l[0][:, None] * l[0]
+    for root in (0.02 * across, 0.02 * np.eye(3)):
+        error = _of_directions(found, LightErrors(root[None], np.zeros(1)))
+        np.testing.assert_allclose(error, 0.02, rtol=1e-9)
+    np.testing.assert_allclose(_of_directions(found, None), np.deg2rad(1.0), rtol=1e-9)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("factor", [4.0, 0.25])
+@pytest.mark.parametrize("grey", [False, True])
+def test_one_photograph_that_is_far_off_leaves_the_others_as_they_are(factor, grey):
+    of = bumpy("two", 14, 60.0)
+    images = [np.asarray(view.image) * (factor if i == 5 else 1.0) for i, view in enumerate(of.views)]
+    images = [image.mean(-1, keepdims=True) if grey else image for image in images]
+    views = [ds.View(image, v.camera, v.mask, lit=v.lit) for image, v in zip(images, of.views, strict=True)]
+    found = ds.fit_texels(of.scene, views, free=("k_d", "k_s", "n_s", "normal")).exposures
+    assert found is not None
+    assert found.factor[5] == pytest.approx(factor, rel=0.05)
+    np.testing.assert_allclose(np.delete(found.factor, 5, 0), 1.0, atol=0.05)
+
+
+@pytest.mark.thorough
+def test_few_photographs_say_that_their_exposures_differ_and_a_dark_one_says_nothing():
+    of = bumpy("glossy", 8, 60.0)
+    free = ("k_d", "k_s", "n_s", "normal")
+
+    def fitted(factor, **how):
+        images = [np.asarray(view.image) * (factor if i == 5 else 1.0) for i, view in enumerate(of.views)]
+        views = [ds.View(image, v.camera, v.mask, lit=v.lit) for image, v in zip(images, of.views, strict=True)]
+        maps = ds.fit_texels(of.scene, views, free=free, **how)
+        return maps.exposures, [note for note in maps.notes if "exposures say" in note]
+
+    exposures, notes = fitted(1.6)
+    assert exposures is None
+    assert "views[5] 1." in notes[0]
+    assert fitted(1.6, match_exposures=False) == (None, [])
+    assert fitted(0.0) == (None, [])
