@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.tables import as_text, cells
-from ..core.words import Note, count
+from ..core.words import Note, count, listing
 from ..inverse.data.exposures import exposures_of
 from ..inverse.data.folder_lights import write_photographs
 from ..inverse.data.folders import list_folder
@@ -19,8 +19,8 @@ from ..inverse.data.masks import find_mask
 from ..inverse.data.photograph_files import PhotographFiles, photograph_files
 from ..inverse.data.photographs import as_given
 from ..io.images import without_alpha
-from ..texels.lights.encoding import judge_encoding
-from .object_lights import ObjectLights, lights_at
+from ..texels.lights.encoding import FileEncoding, judge_encoding
+from .object_lights import ObjectLights, between, lights_at
 from .object_width import Width, find_width, picture_points, sample_of
 from .result import Calibration, check_folder
 from .two_balls import LampPlaces
@@ -149,9 +149,9 @@ def apply_lights(
         photographs: The object's folder. A list of lights in it is not used.
         mask: A file or an array, True on the object. By default the folder's, else it is found before a darker
             background.
-        srgb: Whether to decode files from the sRGB curve. By default as the files state, else as they show: linear
-            photographs of a matte object are three numbers a texel times three a light; where that is not clear, by
-            their type, as in `read_image`.
+        srgb: Whether to decode files from the sRGB curve. By default as the files state, else as they show: three
+            numbers a texel explain linear photographs of a matte object; where that is not clear, by their type, as in
+            `read_image`, and a note asks which they are.
         exif: Whether exposures that the photographs' EXIF states become part of the intensities of a mirror ball's
             lights; default True. The intensities of another ball have the exposures of its own photographs, and the
             object's are taken to be the same.
@@ -197,8 +197,8 @@ def apply_lights(
         raise ValueError(f"the mask must have the photographs' shape {shapes.pop()}; got {given.shape}. Resize it.")
     if not given.any():
         raise ValueError(f"the mask of {folder} shows no pixel of an object. Give one that is white on it, with mask=.")
-    read, judged = _judged(read, given)
-    notes += [*judged, *read.notes]
+    read, judged = _judged(read, given, between(balls)[0])
+    notes += read.notes
     known = [ball.intensities for ball in balls if ball.intensities is not None]
     if known:
         intensities = np.mean(known, 0)
@@ -215,21 +215,39 @@ def apply_lights(
         return find_width(shown, picture_points(given)[rows, columns], lamps, intensities.mean(-1))
 
     lights = lights_at(balls, given, width_for, apart, width)
-    return AppliedLights(read, given, lights, intensities, tuple(Note(n, "lights") for n in [*notes, *lights.notes]))
+    notes += [*_on_encoding(read, judged), *lights.notes]
+    return AppliedLights(read, given, lights, intensities, tuple(Note(n, "lights") for n in notes))
 
 
-def _judged(read: PhotographFiles, mask: Bool[np.ndarray, "h w"]) -> tuple[PhotographFiles, list[str]]:
-    """Return how photographs that state no encoding are read, and a sentence where they show that themselves."""
+def _judged(
+    read: PhotographFiles, mask: Bool[np.ndarray, "h w"], towards: Vectors
+) -> tuple[PhotographFiles, FileEncoding | None]:
+    """Return how photographs that state no encoding are read, and what they show of it themselves."""
     if read.srgb is not None or any(of.statement.encoding for of in read.read_as):
-        return read, []
-    judged = judge_encoding(replace(read, srgb=False).images(), mask)
+        return read, None
+    judged = judge_encoding(replace(read, srgb=False).images(), mask, towards)
     if judged is None or not judged.clear:
-        return read, []
-    names = ("linear", "sRGB") if not judged.srgb else ("sRGB", "linear")
+        return read, judged
+    return photograph_files(read.files, srgb=judged.srgb, shape=mask.shape), judged
+
+
+def _on_encoding(read: PhotographFiles, judged: FileEncoding | None) -> list[str]:
+    """Return what photographs show of their encoding, and what the other choice would change."""
+    if judged is None:
+        return []
     low, high = sorted(judged.misfits)
-    return photograph_files(read.files, srgb=judged.srgb, shape=mask.shape), [
-        f"the photographs are taken to be {names[0]}, as they show: their misfit is {low:.1%}; it is {high:.1%} as "
-        f"{names[1]}."
+    turned = f"the other choice turns normals by {judged.turned:.2g} degrees in the median."
+    if judged.clear:
+        one, other = ("sRGB", "linear") if judged.srgb else ("linear", "sRGB")
+        return [
+            f"the photographs are taken to be {one}, as they show: of the values in the files, {low:.1%} stays "
+            f"unexplained, and {high:.1%} as {other}; {turned}"
+        ]
+    names = listing(sorted({of.encoding.name for of in read.read_as}))
+    return [
+        "the photographs do not state whether they are linear or sRGB, and do not show it clearly: of the values in "
+        "the files, {:.1%} stays unexplained as linear, and {:.1%} as sRGB. ".format(*judged.misfits)
+        + f"They are read as {names} by type of file; {turned} Say which they are, with --srgb or --linear."
     ]
 
 

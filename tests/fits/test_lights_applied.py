@@ -10,7 +10,6 @@ import diffshade as ds
 from diffshade.calibration.object_lights import between
 from diffshade.inverse.data.masks import find_mask
 from diffshade.inverse.data.photographs import read_folder
-from diffshade.texels.lights.encoding import judge_encoding
 from tests.support.textured import lights_about, textured_ball
 
 COUNT = 8
@@ -66,6 +65,7 @@ def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     assert np.mean(applied.mask == ball.mask) > 0.98
     text = str(applied)
     assert "taken to be linear, as they show" in text  # against the type of the file
+    assert "the other choice turns normals by" in text
     assert "in the middle between the balls" in text
     assert "all 8 lamps are near" in text
     assert "the intensity 1" in text
@@ -132,12 +132,13 @@ def test_a_mask_is_found_before_a_darker_background_alone():
         find_mask([np.zeros(SHAPE)])
 
 
-@pytest.mark.parametrize("curved", [False, True])
-def test_photographs_say_whether_they_have_the_srgb_curve(curved):
-    ball = textured_ball(64, 12, noise=0.002, gloss=0.3)
-    images = [np.clip(np.asarray(view.image), 0.0, 1.0) for view in ball.views]
-    judged = judge_encoding([np.asarray(ds.srgb_encode(i)) for i in images] if curved else images, ball.mask)
-    assert judged is not None
-    assert judged.clear
-    assert judged.srgb == curved
-    assert judge_encoding(images[:5], ball.mask) is None
+def test_photographs_that_do_not_show_their_curve_ask_for_it(folders, balls, tmp_path):
+    """Each light's photograph is of another object: no reading explains them."""
+    random = np.random.default_rng(0)
+    inside = np.hypot(*(np.indices((40, 40)) - 20.0)) < 18.0
+    images = [np.where(inside[..., None], random.uniform(0.3, 0.6, (40, 40, 3)), 0.0) for _ in range(COUNT)]
+    write_shots(tmp_path / "object", images, srgb=True)
+    text = str(ds.apply_lights(balls[0], tmp_path / "object", mask=inside))
+    assert "do not show it clearly" in text
+    assert "Say which they are, with --srgb or --linear" in text
+    assert "do not show it" not in str(ds.apply_lights(balls[0], tmp_path / "object", mask=inside, srgb=True))

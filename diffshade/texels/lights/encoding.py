@@ -1,7 +1,8 @@
 """Encoding: whether photographs are linear or have the sRGB curve, from how well a matte object explains them.
 
-Linear photographs of a matte object under distant lights are three numbers a texel times three a light, and a curve
-spoils that. It takes six photographs and an object that is not flat.
+Under lights of known directions, three numbers a texel and one a light explain linear photographs of a matte object,
+and a curve spoils that. A curve also squeezes all differences, so both readings are judged by what they leave
+unexplained of the values that the files store. It takes six photographs and an object that is not flat.
 """
 
 from __future__ import annotations
@@ -13,54 +14,93 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.robust_scale import robust_scale
-from ...io.encodings import srgb_decode
+from ...core.thresholds import CLEARLY, SMALL, TINY
+from ...io.encodings import srgb_decode, srgb_encode
 from ...io.images import without_alpha
 from ..tiles import LEARNING_SAMPLE
-from .uncalibrated import bright_texels, factorize, middle_ranks, texels_under
+from .uncalibrated import ROUNDS, bright_texels, middle_ranks, texels_under
 
 MIN_PHOTOGRAPHS = 6  # as many as the numbers by which lengths say a map
 MIN_TEXELS = 300
-CLEAR_RATIO = 1.25  # ratio of the misfits from which one reading is believed
 
 
 class FileEncoding(NamedTuple):
     """How photographs are encoded."""
 
-    srgb: bool
-    """Whether the sRGB curve explains them better than none."""
-    clear: bool
-    """Whether it is clear which does."""
     misfits: tuple[float, float]
-    """Typical residual relative to a texel's brightness: as linear, and decoded from sRGB."""
+    """Typical residual relative to a texel's brightness, both of stored values: as linear, and decoded from sRGB."""
+    stored: Float[np.ndarray, "views texels"]
+    """The mean of the channels at some texels, as stored."""
+    counts: Bool[np.ndarray, "views texels"]
+    towards: Float[np.ndarray, "views 3"]
+
+    @property
+    def srgb(self) -> bool:
+        """Whether the sRGB curve explains the photographs better than none."""
+        return self.misfits[1] < self.misfits[0]
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is clear which does."""
+        return max(self.misfits) > CLEARLY * min(self.misfits)
+
+    @property
+    def turned(self) -> float:
+        """By how much the other reading turns normals in the median, degrees."""
+        one, other = (_explained(y, self.counts, self.towards)[0] for y in (self.stored, _decoded(self.stored)))
+        across = np.linalg.norm(np.cross(one, other), axis=-1)
+        return float(np.rad2deg(np.median(np.arctan2(across, (one * other).sum(-1)))))
 
 
-def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> FileEncoding | None:
+def judge_encoding(
+    images: Iterable[Any], mask: Bool[np.ndarray, "h w"], towards: Float[np.ndarray, "views 3"]
+) -> FileEncoding | None:
     """Return how photographs are encoded; None where there are too few, or some are beyond 0 to 1.
 
     Args:
         images: Photographs of one object, a light each, as stored: (H, W, C) from 0 to 1.
         mask: True on the object.
+        towards: Unit vectors towards the lights.
     """
     pixels = np.flatnonzero(mask)
-    some = pixels[np.linspace(0, len(pixels) - 1, min(len(pixels), LEARNING_SAMPLE)).astype(int)]
+    some = pixels[np.linspace(0, len(pixels) - 1, min(len(pixels), LEARNING_SAMPLE // 2)).astype(int)]
     taken = [without_alpha(np.asarray(image[:], np.float64)).reshape(mask.size, -1)[some] for image in images]
     if len({one.shape for one in taken}) != 1:  # grey ones and others
         return None
     samples = np.array(taken)
     if len(samples) < MIN_PHOTOGRAPHS or len(some) < MIN_TEXELS or not 0.0 <= samples.min() <= samples.max() <= 1.0:
         return None
-    counts = samples.max(-1) < 1.0
-    linear, decoded = (_misfit(y.mean(-1), counts) for y in (samples, np.asarray(srgb_decode(samples))))
-    ratio = max(linear, decoded) / max(min(linear, decoded), 1e-9)
-    return FileEncoding(decoded < linear, ratio > CLEAR_RATIO, (linear, decoded))
+    stored, counts = bright_texels(samples.mean(-1), samples.max(-1) < 1.0)
+    used = middle_ranks(stored, counts)
+    level = (stored * used).sum(0) / np.maximum(used.sum(0), 1)
+    linear = _explained(stored, counts, towards)[1]
+    decoded = np.asarray(srgb_encode(np.maximum(_explained(_decoded(stored), counts, towards)[1], 0.0)))
+    as_linear, as_srgb = (robust_scale(((of - stored) / np.maximum(level, TINY))[used]) for of in (linear, decoded))
+    return FileEncoding((as_linear, as_srgb), stored, counts, towards)
 
 
-def _misfit(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"]) -> float:
-    """Return the typical residual of three numbers a texel times three a light, over the level of a texel."""
-    y, counts = bright_texels(y, counts)
+def _decoded(stored: np.ndarray) -> np.ndarray:
+    return np.asarray(srgb_decode(stored))
+
+
+def _explained(
+    y: Float[np.ndarray, "views texels"],
+    counts: Bool[np.ndarray, "views texels"],
+    towards: Float[np.ndarray, "views 3"],
+) -> tuple[Float[np.ndarray, "texels 3"], Float[np.ndarray, "views texels"]]:
+    """Return b = k_d n of texels, by least squares, and what they show with a strength for each light.
+
+    Neither shadows nor highlights count; those that are left in the middle ranks do not move a median.
+    """
     used = middle_ranks(y, counts)
-    s = factorize(y, counts)
-    b = texels_under(y, used.astype(float), s)
-    level = (y * used).sum(0) / np.maximum(used.sum(0), 1)
-    r = ((b @ s.T).T - y) / np.maximum(level, 1e-12)
-    return robust_scale(r[used]) if used.any() else np.inf
+    level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), TINY)
+    strength = np.ones((len(y), 1))
+    b, shaded = np.zeros((0, 3)), np.zeros((0, 0))
+    for _ in range(ROUNDS):
+        b = texels_under(y / level, used.astype(float), strength * towards)
+        shaded = towards @ b.T
+        lit = used & (shaded > SMALL)
+        ratio = np.where(lit, y / level / np.where(lit, shaded, 1.0), np.nan)
+        ratio[~lit.any(1)] = 1.0
+        strength = np.nanmedian(ratio, 1, keepdims=True)
+    return b, strength * shaded * level

@@ -36,10 +36,10 @@ from ..robust.stated_errors import CALIBRATION_SAMPLE
 from ..run import TexelRun
 from ..tile_runner import TileRunner
 from ..tiles import TexelTile
-from .encoding import CLEAR_RATIO
 from .finding import FREE
 
 GAMMAS = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
+CLEAR_RATIO = 1.25  # of the misfits of the outermost gammas to the least one, from which that is believed
 GROUPS = 4  # of the views, left out in turn
 
 Misfit = Callable[[float], float]
