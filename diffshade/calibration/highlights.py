@@ -52,9 +52,11 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     Raises:
         ValueError: If the ball is black, or shows no highlight.
     """
-    row, column = np.nonzero(ball.mask)
-    _, n, v = ball.seen(row + 0.5, column + 0.5)
-    inside = np.zeros_like(ball.mask)
+    box, top, left = _box(ball.mask)
+    mask, picture = ball.mask[box], picture[box]
+    row, column = np.nonzero(mask)
+    _, n, v = ball.seen(row + top + 0.5, column + left + 0.5)
+    inside = np.zeros_like(mask)
     inside[row, column] = (n * v).sum(-1) > MIN_N_V
     light = np.where(inside, picture, 0.0)
     if not light.any():
@@ -73,7 +75,7 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
 
     def reflected(ball: Ball, highlight: np.ndarray) -> tuple[Vector, Vector]:
         row, column = np.nonzero(highlight)
-        p, n, v = ball.seen(row + 0.5, column + 0.5)
+        p, n, v = ball.seen(row + top + 0.5, column + left + 0.5)
         l = 2.0 * (n * v).sum(-1, keepdims=True) * n - v
         weight = light[row, column][:, None]
         mean = (weight * l).sum(0)
@@ -119,10 +121,19 @@ def largest_disc(piece: Bool[np.ndarray, "h w"]) -> float:
     return float(_depth(piece)[1].max())
 
 
-def _depth(piece: Bool[np.ndarray, "h w"]) -> tuple[tuple[np.ndarray, ...], Float[np.ndarray, "rows columns"]]:
+def _depth(piece: Bool[np.ndarray, "h w"]) -> tuple[tuple[slice, slice], Float[np.ndarray, "rows columns"]]:
     """Return the rows and columns that a region spans, and how deep in it these pixels are, with one more around."""
-    box = np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (np.flatnonzero(piece.any(axis)) for axis in (1, 0))))
+    box = _box(piece)[0]
     return box, np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
+
+
+def _box(piece: Bool[np.ndarray, "h w"]) -> tuple[tuple[slice, slice], int, int]:
+    """Return the rows and columns that a region spans, and the first of each."""
+    if not piece.any():
+        return np.s_[0:0, 0:0], 0, 0
+    rows, columns = (np.flatnonzero(piece.any(axis)) for axis in (1, 0))
+    top, left = int(rows[0]), int(columns[0])
+    return np.s_[top : rows[-1] + 1, left : columns[-1] + 1], top, left
 
 
 def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3"]]:

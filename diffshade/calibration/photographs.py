@@ -50,7 +50,7 @@ class Photographs:
 
     def grey(self, i: int) -> Float[np.ndarray, "h w"]:
         """Return the mean of the channels of one photograph."""
-        return np.asarray(self.images[i][:], np.float64).mean(-1)
+        return _grey(np.asarray(self.images[i][:], np.float64))
 
     def clipped(self, i: int) -> Mask:
         """Return the pixels of one photograph with a sample at 1, the top of a file's range, or above."""
@@ -107,10 +107,15 @@ def _given_circles(circle: Any, mask: Any) -> tuple[Outline, ...]:
     )
 
 
+def _grey(image: np.ndarray) -> np.ndarray:
+    """Return the mean of the channels; a product takes a third of the time of NumPy's mean over so few."""
+    return image @ np.full(image.shape[-1], 1.0 / image.shape[-1], image.dtype)
+
+
 def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
-    bad = mask & ~np.isfinite(image).all(-1)
+    bad = ~np.isfinite(image[mask]).all(-1)
     if bad.any():
-        row, column = np.argwhere(bad)[0]
+        row, column = np.argwhere(mask)[bad.argmax()]
         raise ValueError(
             f"{name} must be finite; got {image[row, column].tolist()} at row {row}, column {column}. Correct the "
             "file, or exclude the pixel with the mask."
@@ -121,7 +126,7 @@ def _outline(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -
     """Return the outline of a mirror ball, by a picture under room light where the folder has one."""
     total, small = np.zeros(images[0].shape[:2], np.float32), []
     for image in images:
-        grey = np.asarray(image[:], np.float32).mean(-1)
+        grey = _grey(np.asarray(image[:], np.float32))
         total += grey
         small.append(shrunk(grey, JUDGED)[0])
     rooms = []

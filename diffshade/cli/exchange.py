@@ -58,6 +58,7 @@ def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) ->
     """Write the maps of a folder as meshes, or as RTI folders where there is no suffix."""
     import diffshade as ds
 
+    from ..core.progress import showing
     from ..exchange.mesh_files import check_suffix
     from ..io.files import writable
 
@@ -67,13 +68,18 @@ def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) ->
             writable(path)
         elif path.exists():
             raise FileExistsError(f"{path} exists already. Give the name of a new folder.")
-    maps = ds.read_maps(folder)
-    meshes = any(path.suffix for path in wanted)
-    mesh = ds.height_mesh(integrated(maps), tolerance=tolerance) if meshes else None
-    return [
-        ds.write_rti(path, maps) if mesh is None or not path.suffix else ds.write_mesh(path, mesh, maps=maps)
-        for path in wanted
-    ]
+    maps, written = ds.read_maps(folder), []
+    heights = integrated(maps) if any(path.suffix for path in wanted) else None
+    with showing("convert") as report_progress:
+        report_progress("finding the mesh")
+        mesh = None if heights is None else ds.height_mesh(heights, tolerance=tolerance)
+        for path in wanted:
+            report_progress(f"writing {path.name}")
+            if mesh is None or not path.suffix:
+                written.append(ds.write_rti(path, maps))
+            else:
+                written.append(ds.write_mesh(path, mesh, maps=maps))
+    return written
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade lamp floodlight.ies --distance 5")
