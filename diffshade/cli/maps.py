@@ -237,11 +237,7 @@ def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
         f"left out: {count(len(names), 'photograph')}, predicted with a relative error of {typical:.1%} in the median, "
         f"{np.nanmean(relative):.1%} in the mean, {relative[worst]:.1%} at most ({names[worst]})"
     )
-    return (
-        said
-        if typical < MISPREDICTED
-        else f"{said}: these maps do not tell what it looks like under other lights. {CAUSES}"
-    )
+    return said if typical < MISPREDICTED else f"{said}. {CAUSES}"
 
 
 def on_bands(

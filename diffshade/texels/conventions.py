@@ -19,13 +19,14 @@ from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT, SMALL, TINY
 from ..core.words import Note
-from ..inverse.data.views import View, lights_on
+from ..inverse.data.views import View
 from ..inverse.misfit.conventions import axes_in_words, orders, other_axes
 from ..inverse.unknowns.light_priors import middle_of
 from ..model.cameras import axes
 from ..model.scenes import Scene
 from ..model.vectors import Vec3
 from .light_directions import MIN_SPREAD
+from .lights.placing import one_light_each
 from .lights.uncalibrated import SIGMA, middle_ranks, pseudo_normals, slopes
 from .tiles import SAMPLED_ROWS, TexelTile, ViewReader
 
@@ -118,13 +119,13 @@ def _moved(
 
 def _lamps(scene: Scene, views: Sequence[View]) -> _Lamps | None:
     """Return the light of each view; None where one has several, or one that is neither a direction nor a position."""
-    middle = Vec3.of(middle_of(scene))
-    found = []
-    for view in views:
-        on: list[Any] = [scene.lights[i] for i in lights_on(scene, view)]
-        if len(on) != 1 or on[0].placement not in (("direction",), ("position",)):
-            return None
-        towards, power = on[0].arriving(middle)
+    used = one_light_each(scene, views)
+    if used is None:
+        return None
+    middle, found = Vec3.of(middle_of(scene)), []
+    for i in used:
+        light: Any = scene.lights[i]
+        towards, power = light.arriving(middle)
         found.append((np.asarray(towards.stack()), float(np.mean(np.asarray(power.stack())))))
     towards, power = map(np.array, zip(*found, strict=True))
     return _Lamps(towards, power)

@@ -31,7 +31,7 @@ from .checks import check_anything_left, checked, checked_light_error
 from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .lighting import LightErrors
-from .lights.exposures import Taught, errors_with, found_exposures, taught_by, undone
+from .lights.exposures import Taught, found_exposures
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
@@ -125,7 +125,7 @@ def fit_texels(
             lights do not allow that, a note says so. By default the lights are taken to be exact.
         match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
             are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
-            is done where the object shows it, by 15 % in one photograph or 5 % in a colour; a note says so.
+            is done where twelve photographs or more show it, by 15 % in one of them or 5 % in a colour; a note says so.
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`, with the scene and
             the camera, so that `read_maps` reads them back. The same call resumes from it, whenever it was stopped. By
             default the maps stay in memory.
@@ -201,15 +201,13 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     check_anything_left(np.ones(len(sample.pixels)))
     taught, exposures, on_lights = Taught(run, run.learn(sample), sample), None, ()
     if other is None and match_exposures:
-        exposures, on_lights = found_exposures(scene, views, taught, light_error)
-    if exposures is not None:
-        taught = taught_by(taught, undone(exposures, scene, views), views)
-        taught.run.light_error = light_error = errors_with(exposures, light_error)
-    if other is None and len(on_lights) < 2:  # no light is named yet
+        exposures, taught, on_lights = found_exposures(scene, views, taught, light_error)
+    if other is None and not any(note.kind == "disagrees" for note in on_lights):
         on_lights = (*on_lights, *note_on_turned_lights(*taught))
     notes = (*notes, *on_lights)
     run, models, sample = taught
-    by_itself = light_error is None and own_exponents_predict_better(*taught, each.setup.lobe, each.estimates)
+    may_be_own = light_error is None and exposures is None
+    by_itself = may_be_own and own_exponents_predict_better(*taught, each.setup.lobe, each.estimates)
     maps = each.maps(lights, notes) if by_itself else run.maps(models, sample, notes)
     as_given = eqx.tree_at(lambda of: of.lights, maps.scene, scene.lights)
     return dataclasses.replace(maps, scene=as_given, exposures=exposures)

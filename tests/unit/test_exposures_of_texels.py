@@ -7,7 +7,7 @@ from bumpy import bumpy
 import diffshade as ds
 from diffshade.core.backend import in_float64
 from diffshade.texels.lighting import Exposures, LightErrors
-from diffshade.texels.lights.exposures import _named, _of_directions, undone
+from diffshade.texels.lights.exposures import _named, _of_directions, _Rig, undone
 from diffshade.texels.lights.placing import LightEstimates, directions_to, scene_with
 
 FACTOR = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 0.5], [0.5, 0.5, 0.5], [1.0, 1.0, 1.0]])
@@ -24,7 +24,7 @@ def test_a_photograph_that_shows_more_has_a_brighter_light():
     scene, views = lamps(4)
     with in_float64():
         given = directions_to(scene, np.arange(4), np.zeros(3))
-        matched = undone(Exposures(FACTOR, np.zeros(4), given), scene, views)
+        matched = undone(Exposures(FACTOR, np.zeros(4), given), _Rig(scene, views, np.arange(4), given))
     intensity = np.array(
         [np.asarray(light.intensity) for light in matched.lights if isinstance(light, ds.DirectionalLight)]
     )

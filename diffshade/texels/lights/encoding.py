@@ -29,10 +29,8 @@ class FileEncoding(NamedTuple):
 
     misfits: tuple[float, float]
     """Typical residual relative to a texel's brightness, both of stored values: as linear, and decoded from sRGB."""
-    stored: Float[np.ndarray, "views texels"]
-    """The mean of the channels at some texels, as stored."""
-    counts: Bool[np.ndarray, "views texels"]
-    towards: Float[np.ndarray, "views 3"]
+    facing: tuple[Float[np.ndarray, "texels 3"], Float[np.ndarray, "texels 3"]]
+    """b = k_d n of some texels, by either."""
 
     @property
     def srgb(self) -> bool:
@@ -47,7 +45,7 @@ class FileEncoding(NamedTuple):
     @property
     def turned(self) -> float:
         """By how much the other reading turns normals in the median, degrees."""
-        one, other = (_explained(y, self.counts, self.towards)[0] for y in (self.stored, _decoded(self.stored)))
+        one, other = self.facing
         across = np.linalg.norm(np.cross(one, other), axis=-1)
         return float(np.rad2deg(np.median(np.arctan2(across, (one * other).sum(-1)))))
 
@@ -73,14 +71,11 @@ def judge_encoding(
     stored, counts = bright_texels(samples.mean(-1), samples.max(-1) < 1.0)
     used = middle_ranks(stored, counts)
     level = (stored * used).sum(0) / np.maximum(used.sum(0), 1)
-    linear = _explained(stored, counts, towards)[1]
-    decoded = np.asarray(srgb_encode(np.maximum(_explained(_decoded(stored), counts, towards)[1], 0.0)))
-    as_linear, as_srgb = (robust_scale(((of - stored) / np.maximum(level, TINY))[used]) for of in (linear, decoded))
-    return FileEncoding((as_linear, as_srgb), stored, counts, towards)
-
-
-def _decoded(stored: np.ndarray) -> np.ndarray:
-    return np.asarray(srgb_decode(stored))
+    b, linear = _explained(stored, counts, towards)
+    b_decoded, decoded = _explained(np.asarray(srgb_decode(stored)), counts, towards)
+    encoded = np.asarray(srgb_encode(np.maximum(decoded, 0.0)))
+    misfit, of_srgb = (robust_scale(((of - stored) / np.maximum(level, TINY))[used]) for of in (linear, encoded))
+    return FileEncoding((misfit, of_srgb), (b, b_decoded))
 
 
 def _explained(

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from ...core.fields import Array
 from ...core.thresholds import CLEARLY, DEGREE, MINOR, SLIGHT, SMALL, TINY
 from ...core.words import MAX_NAMED, Note
-from ...inverse.data.views import View, lights_on
+from ...inverse.data.views import View
 from ...inverse.unknowns.light_priors import middle_of
 from ...model.scenes import Scene
 from ..blocks import TexelBlock
@@ -33,7 +33,7 @@ from ..robust.run import RobustRun
 from ..robust.turned_lights import note_on_directions
 from ..tiles import TexelTile
 from .joint import Responses, light_equations, responses
-from .placing import LightEstimates, directions_to, scene_with
+from .placing import LightEstimates, directions_to, one_light_each, scene_with
 from .refining import Stated, refine
 
 ENOUGH = 2 * GROUPS  # photographs: of nine under lights on one side, another minimum explains other exposures as well
@@ -57,11 +57,12 @@ class Taught(NamedTuple):
 
 def found_exposures(
     scene: Scene, views: Sequence[View], first: Taught, light_error: LightErrors | None
-) -> tuple[Exposures | None, tuple[Note, ...]]:
-    """Return how much more each photograph shows than it is said to, and notes; None where it is not told.
+) -> tuple[Exposures | None, Taught, tuple[Note, ...]]:
+    """Return how much more each photograph shows than it is said to, what they teach with that undone, and notes.
 
-    Each photograph must have one light of its own. Brightness is believed only if photographs that are left out are
-    clearly predicted better, and of twelve or more; of fewer a note says that it differs.
+    None, and what was taught first, where it is not told. Each photograph must have one light of its own. Brightness is
+    believed only if photographs that are left out are clearly predicted better, and of twelve or more; of fewer a note
+    says that it differs.
 
     Args:
         scene: One object and its lights.
@@ -69,44 +70,60 @@ def found_exposures(
         first: What they teach with the exposures as they are said to be.
         light_error: How well the lights are known; None is a degree.
     """
-    colour = _colours(first) if _one_light_each(scene, views) else None
-    if colour is None:
-        return None, ()
+    used, every = one_light_each(scene, views), len(views)
+    colour = None if used is None or len(set(used)) < max(every, GROUPS) else _colours(first)
+    if used is None or colour is None:
+        return None, first, ()
     coloured, step = np.abs(np.log(colour)).max() > MINOR, _first_step(first)
     if not coloured and np.abs(step).max() < ANOTHER_BRIGHTNESS:
-        return None, ()
-    colour = colour if coloured else np.ones_like(colour)
-    given = directions_to(scene, _lights_of(scene, views), middle_of(scene))
-    as_said = Exposures(colour, np.maximum(np.abs(step), SLIGHT), given)
-    if len(views) >= ENOUGH:
+        return None, first, ()
+    rig = _Rig(scene, views, used, directions_to(scene, used, middle_of(scene)))
+    as_said = Exposures(colour if coloured else np.ones_like(colour), np.maximum(np.abs(step), SLIGHT), rig.given)
+    if every >= ENOUGH:
         found = as_said
         for free in (0.0, 1.0):  # lights that may move at once take the exposures' part
-            found = _refined(found, scene, views, first, free * _of_directions(as_said, light_error))
-        if clearly_better(first.errors, taught_by(first, undone(found, scene, views), views).errors):
-            return found, _notes_on(found, given)
+            found = _refined(found, rig, first, free * _of_directions(as_said, light_error))
+        taught = _taught_with(found, rig, first, light_error)
+        if clearly_better(first.errors, taught.errors):
+            return found, taught, _notes_on(found, rig.given)
     if coloured:
-        return as_said, _notes_on(as_said, given)
-    if len(views) >= ENOUGH:
-        return None, ()
+        return as_said, _taught_with(as_said, rig, first, light_error), _notes_on(as_said, rig.given)
+    if every >= ENOUGH:
+        return None, first, ()
     text = (
         f"photographs seem to be brighter or darker than their exposures say, {_named(np.exp(step)[:, None])}, but "
         f"fewer than {ENOUGH} do not tell by how much. State their exposures, or add photographs."
     )
-    return None, (Note(text, "exposure"),)
+    return None, first, (Note(text, "exposure"),)
 
 
-def undone(found: Exposures, scene: Scene, views: Sequence[View]) -> Scene:
+class _Rig(NamedTuple):
+    """Photographs under one light each, as they are said to be."""
+
+    scene: Scene
+    views: Sequence[View]
+    used: Int[np.ndarray, " views"]
+    """The light of each."""
+    given: Float[np.ndarray, "views 3"]
+    """Unit vectors to the lights."""
+
+    def lit(self, lamps: LightEstimates) -> Scene:
+        """Return the scene with its lights in these directions, and as much brighter."""
+        return scene_with(self.scene, self.used, lamps, middle_of(self.scene))
+
+
+def undone(found: Exposures, rig: _Rig) -> Scene:
     """Return a scene whose lights are where they were found, and as much brighter as their photographs are exposed."""
-    return scene_with(scene, _lights_of(scene, views), LightEstimates(found.directions, found.factor), middle_of(scene))
+    return rig.lit(LightEstimates(found.directions, found.factor))
 
 
-def taught_by(first: Taught, scene: Scene, views: Sequence[View]) -> Taught:
-    """Return what the same texels teach under other lights."""
-    run = _run_like(first.run, scene, views)
+def _taught_with(found: Exposures, rig: _Rig, first: Taught, light_error: LightErrors | None) -> Taught:
+    """Return what the same texels teach with exposures undone, with errors that contain those of the exposures."""
+    run = _run_like(first.run, undone(found, rig), rig.views, _errors_with(found, light_error))
     return Taught(run, run.learn(first.sample), first.sample)
 
 
-def errors_with(found: Exposures, light_error: LightErrors | None) -> LightErrors:
+def _errors_with(found: Exposures, light_error: LightErrors | None) -> LightErrors:
     """Return how well the lights are known with these exposures: their directions to a degree, if nothing is said."""
     each = np.broadcast_to(DEGREE * np.eye(3), (len(found.error), 3, 3))
     return LightErrors(each if light_error is None else light_error.direction, found.error)
@@ -114,7 +131,7 @@ def errors_with(found: Exposures, light_error: LightErrors | None) -> LightError
 
 def _of_directions(found: Exposures, light_error: LightErrors | None) -> Float[np.ndarray, " views"]:
     """Return the standard deviation of each direction about each of the two axes across it."""
-    root = errors_with(found, light_error).direction
+    root = _errors_with(found, light_error).direction
     along = np.einsum("vi,vij->vj", found.directions, root)
     return np.sqrt((np.square(root).sum((1, 2)) - np.square(along).sum(1)) / 2.0)
 
@@ -143,41 +160,24 @@ def _named(factor: Float[np.ndarray, "views channels"]) -> str:
     return ", ".join(f"views[{v}] {times(factor[v])}" for v in most) + more
 
 
-def _lights_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
-    """Return the light of each view."""
-    return np.array([lights_on(scene, view)[0] for view in views])
-
-
-def _one_light_each(scene: Scene, views: Sequence[View]) -> bool:
-    """Whether each view has one light, of which the direction is known, and no other view has it."""
-    on = [lights_on(scene, view) for view in views]
-    if any(len(lights) != 1 for lights in on) or len({i for (i,) in on}) < max(len(views), GROUPS):
-        return False
-    return all(scene.lights[i].placement in (("direction",), ("position",)) for (i,) in on)
-
-
-def _run_like(run: RobustRun, scene: Scene, views: Sequence[View]) -> RobustRun:
+def _run_like(run: RobustRun, scene: Scene, views: Sequence[View], light_error: LightErrors | None) -> RobustRun:
     """Return what works on the same texels under other lights."""
     setup = lighting_setup(scene, views)
     return RobustRun(
-        setup, run.known, run.loss, run.regions, run.tiles, neighbours=run.neighbours, light_error=run.light_error
+        setup, run.known, run.loss, run.regions, run.tiles, neighbours=run.neighbours, light_error=light_error
     )
 
 
-def _refined(
-    found: Exposures, scene: Scene, views: Sequence[View], first: Taught, error: Float[np.ndarray, " views"]
-) -> Exposures:
+def _refined(found: Exposures, rig: _Rig, first: Taught, error: Float[np.ndarray, " views"]) -> Exposures:
     """Return exposures that agree better with all texels, from those found, with lights that are known to an error."""
-    used, middle = _lights_of(scene, views), middle_of(scene)
-    given = directions_to(scene, used, middle)
 
     def lit(lamps: LightEstimates) -> Scene:
-        return scene_with(scene, used, LightEstimates(lamps.directions, found.factor * lamps.gain[:, None]), middle)
+        return rig.lit(LightEstimates(lamps.directions, found.factor * lamps.gain[:, None]))
 
-    stated = Stated(given, error, np.full(len(views), np.inf))
-    run = _run_like(first.run, lit(LightEstimates(given, np.ones(len(views)))), views)
-    report = run.tiles.report_progress
-    refined = refine(lit, views, run, first.sample, np.arange(len(views)), stated, report)
+    views, every = rig.views, len(rig.views)
+    stated = Stated(rig.given, error, np.full(every, np.inf))
+    run = _run_like(first.run, lit(LightEstimates(rig.given, np.ones(every))), views, None)
+    refined = refine(lit, views, run, first.sample, np.arange(every), stated, run.tiles.report_progress)
     directions, gain = refined.lamps
     error = np.sqrt(refined.own[:, 2, 2] + refined.shared[:, 2, 2])
     return Exposures(found.factor * (gain / np.median(gain))[:, None], error, directions)
@@ -194,9 +194,8 @@ def _first_step(taught: Taught) -> Float[np.ndarray, " views"]:
     S, by_cell = light_equations(run.each(sample, program, models), np.arange(every), every, np.zeros(texels, int), 1)
     # a photograph that is far off has lost its weight: each by its own curvature, and what all share is nobody's
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), TINY))
-    step = -scale * (
-        np.linalg.pinv(scale[:, None] * S * scale, rcond=MINOR / every, hermitian=True) @ (scale * by_cell[0])
-    )
+    inverse = np.linalg.pinv(scale[:, None] * S * scale, rcond=MINOR / every, hermitian=True)
+    step = -scale * (inverse @ (scale * by_cell[0]))
     return np.log(np.maximum(1.0 + step - np.median(step), SMALL))
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...inverse.data.views import View, lights_on
 from ...model.scenes import Scene
 
 
@@ -16,6 +18,15 @@ class LightEstimates(NamedTuple):
 
     directions: Float[np.ndarray, "lights 3"]
     gain: Float[np.ndarray, "lights *channels"]
+
+
+def one_light_each(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"] | None:
+    """Return the light of each view; None where one has several, or one that is neither a direction nor a position."""
+    on = [lights_on(scene, view) for view in views]
+    placed = [
+        len(lights) == 1 and scene.lights[lights[0]].placement in (("direction",), ("position",)) for lights in on
+    ]
+    return np.array([lights[0] for lights in on]) if all(placed) else None
 
 
 def directions_to(
