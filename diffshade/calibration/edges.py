@@ -7,7 +7,7 @@ along its radii.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,10 +39,10 @@ class Edge(NamedTuple):
     """Rows and columns, pixel centres at +.5."""
 
 
-def find_edges(shown: Picture, plausible: Callable[[Circle], bool] = lambda _: True) -> list[Edge]:
-    """Return the circles in a brightened picture that edges lie on, each once, of those that are plausible."""
+def find_edges(shown: Picture) -> list[Edge]:
+    """Return the circles in a brightened picture that edges lie on, each once."""
     found: list[Edge] = []
-    for proposed in filter(plausible, _proposed(shown)):
+    for proposed in _proposed(shown):
         edge = refine(shown, proposed)
         if edge is not None and not any(alike(edge.circle, other.circle, REACHES[-1]) for other in found):
             found.append(edge)

@@ -100,7 +100,7 @@ def _share(of: _Proposal) -> float:
 def _candidates(picture: Picture, photographs: Sequence[Picture], parts: Sequence[Picture]) -> list[_Proposal]:
     """Return the circles in a picture that have an edge and highlights."""
     shown, found = brightened(shrunk(picture, JUDGED)[0]), []
-    for circle, _ in find_edges(shown, lambda proposed: _lit(photographs, proposed)):
+    for circle, _ in find_edges(shown):
         share = share_on(shown, circle)
         if share < MOST or not _lit(photographs, circle):
             continue

@@ -77,6 +77,8 @@ def _status_of(command: Callable[[], object]) -> int:
     except (BrokenPipeError, SystemExit):  # the reader, such as head, has closed the pipe; click raises SystemExit then
         _discard_output()
     except ERRORS as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):  # Python 3.11 wraps what stops a class that is being made
+            raise KeyboardInterrupt from None
         _print_error(_sentence(str(error) or type(error).__name__))
         return 1
     return 0

@@ -656,10 +656,13 @@ def test_a_stop_waits_for_the_import_of_a_library_and_for_no_other(typed, tmp_pa
     assert waits == {"a_library": True, "a_helper": False, "a_module": False}
 
 
-def test_a_stop_is_told_in_one_sentence(typed, monkeypatch):
+@pytest.mark.parametrize("wrapped", [False, True], ids=["as it is", "within a class that is made"])
+def test_a_stop_is_told_in_one_sentence(typed, monkeypatch, wrapped):
     ended = []
 
     def stop(*arguments: Any, **options: Any) -> None:
+        if wrapped:  # as Python 3.11 raises what interrupts __set_name__
+            raise RuntimeError("Error calling __set_name__ on 'Field'") from KeyboardInterrupt()
         raise KeyboardInterrupt
 
     def end(status: int) -> None:

@@ -92,9 +92,9 @@ def test_one_ball_of_two_is_found():
 
 @pytest.mark.thorough
 def test_drawn_balls_are_right_within_their_errors_or_refused():
-    each = [found for kind in KINDS for seed in range(6) if (found := found_in(kind, seed)) is not None]
+    each = [found for kind in KINDS for seed in range(3) if (found := found_in(kind, seed)) is not None]
     off, errors = np.concatenate([of[0] for of in each]), np.concatenate([of[1] for of in each])
-    assert len(each) >= 15
+    assert len(each) >= 8
     assert 0.6 < np.mean(off < errors) < 0.9
     assert np.mean([np.median(of / error) < 2.0 for of, error in each]) == 1.0
 
