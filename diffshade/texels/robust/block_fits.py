@@ -252,7 +252,6 @@ def _seen(
     return Reflectances(jnp.where(observed.counts, -here.residual * observed.level[None], 0.0), brightest)
 
 
-@jax.jit
 def coefficients_of(
     setup: LightingSetup,
     known: KnownCoefficients,
@@ -276,6 +275,23 @@ def coefficients_of(
         between: How residuals under further lights are predicted; None where there are only those of the views.
     """
     observed = observe(setup, known, block, model.assumed.dark_is_shadow)
+    found, beyond = _coefficients(setup, known, block, observed, model, n, brightest)
+    if taken is None:
+        return found
+    return found._replace(kept=_kept(observed, model, n, found, beyond, taken, between))
+
+
+@jax.jit
+def _coefficients(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    block: TexelBlock,
+    observed: BlockObservations,
+    model: ObjectModel,
+    n: Float[Array, "3 texels"],
+    brightest: Float[Array, ""],
+) -> tuple[BlockCoefficients, Float[Array, "views channels texels"]]:
+    """Return the coefficients, and what the views show beyond them, as a reflectance."""
     weighing = model.weighing(observed.level)
     state = begin(observed, model.shape, weighing, Vec3(*n))
     here = around(observed, model.shape, weighing, state)
@@ -302,10 +318,23 @@ def coefficients_of(
         )
     residual = jnp.sqrt(jnp.sum(squared, (0, 1)) / samples)
     doubted = observed.counts & (jnp.abs(here.residual) > OUTLIER * weighing.scale[None] / model.softness)
+    return BlockCoefficients(k_d, k_s, residual, doubted, observed.counts, observed.level, None), beyond
+
+
+@jax.jit
+def _kept(
+    observed: BlockObservations,
+    model: ObjectModel,
+    n: Float[Array, "3 texels"],
+    of: BlockCoefficients,
+    beyond: Float[Array, "views channels texels"],
+    taken: Float[Array, "parts lights"],
+    between: BetweenLights | None,
+) -> Float[Array, "channels parts texels"]:
+    """Return what is kept of what the views show beyond the model."""
     if between is not None:
-        beyond = between.beyond(beyond, _under(between.toward, observed.lights, model.shape, state.n, k_d, k_s))
-    kept = None if taken is None else jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)
-    return BlockCoefficients(k_d, k_s, residual, doubted, observed.counts, observed.level, kept)
+        beyond = between.beyond(beyond, _under(between.toward, observed.lights, model.shape, Vec3(*n), of.k_d, of.k_s))
+    return jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)
 
 
 class Shown(NamedTuple):
@@ -315,7 +344,6 @@ class Shown(NamedTuple):
     beyond: Float[Array, "views channels texels"]
 
 
-@jax.jit
 def shown_by(
     setup: LightingSetup,
     known: KnownCoefficients,
@@ -327,12 +355,11 @@ def shown_by(
     """Return what the views show beyond the model at the minimum of each texel, and the model under distant lights."""
     observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     n = lowest_state(observed, model).n
-    every = jnp.eye(len(observed.y), dtype=jnp.float32)
-    k = coefficients_of(setup, known, block, model, jnp.stack([n.x, n.y, n.z]), brightest, every)
-    assert k.kept is not None
-    return Shown(_under(toward, observed.lights, model.shape, n, k.k_d, k.k_s), jnp.swapaxes(k.kept, 0, 1))
+    k, beyond = _coefficients(setup, known, block, observed, model, jnp.stack([n.x, n.y, n.z]), brightest)
+    return Shown(_under(toward, observed.lights, model.shape, n, k.k_d, k.k_s), beyond)
 
 
+@jax.jit
 def _under(
     toward: Float[Array, "lights 3"], lights: Lights, shape: HighlightShape, n: Vec3, k_d: Array, k_s: Array
 ) -> Float[Array, "lights channels texels"]:

@@ -74,10 +74,6 @@ def descend(
     observed: BlockObservations, shape: HighlightShape, weighing: Weighing, start: DescentState, steps: int
 ) -> DescentState:
     """Return the states after some steps, of which each texel takes those that lower its cost."""
-    now = system(observed, shape, weighing, start)
-    damping = jnp.full(start.k_d.shape, FAR, start.k_d.dtype)
-    state = DescentState(start.n, start.k_d, start.k_s, now.cost)
-
     def step(_: Array, carry: tuple[DescentState, list[list[Array]], list[Array], Array]) -> tuple:
         state, A, g, damping = carry
         tried = _stepped(state, A, g, damping)
@@ -89,7 +85,11 @@ def descend(
         )
         return state, A, g, jnp.where(better, LESS_DAMPING * damping, MORE_DAMPING * damping + 0.01)
 
-    return jax.lax.fori_loop(0, steps, step, (state, now.A, now.g, damping))[0]
+    # by equations of zeros the first step is of length 0, and it is taken: it evaluates the start
+    zero = jnp.zeros_like(start.k_d)
+    begun = eqx.tree_at(lambda of: of.cost, start, jnp.full_like(zero, jnp.inf))
+    damping = jnp.full_like(zero, FAR / LESS_DAMPING)
+    return jax.lax.fori_loop(0, steps + 1, step, (begun, [[zero] * 4] * 4, [zero] * 4, damping))[0]
 
 
 def around(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, state: DescentState) -> Local:
