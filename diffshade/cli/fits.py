@@ -73,8 +73,13 @@ def _bands(typed: Options, source: Source) -> ds.PredictionBands:
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo; of maps: it was left out")
+@click.option("--title", help="Of maps: title of the page  [default: the folder's name]")
+@click.option("--full", is_flag=True, help="Of maps: keep all numbers fine; a page about four times as large")
+@click.option("--embed", is_flag=True, help="Of maps: the picture and its dial alone, for a frame in another page")
 @with_json
-def report(typed: Options, out: Path, quick: bool, hold_out: int | None) -> None:
+def report(
+    typed: Options, out: Path, quick: bool, hold_out: int | None, title: str | None, full: bool, embed: bool
+) -> None:
     """Fit, and write a report as an HTML page. SOURCE: a folder of photographs, or a scene or maps with PHOTOS."""
     import diffshade as ds
 
@@ -82,8 +87,10 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None) -> None
 
     check_page(out)
     if is_maps(typed.source):
-        report_maps(typed, out, hold_out, quick=quick)
+        report_maps(typed, out, hold_out, title or typed.source.resolve().name, quick=quick, full=full, embed=embed)
         return
+    if unused := [name for name, given in (("--title", title), ("--full", full), ("--embed", embed)) if given]:
+        raise ValueError(f"{', '.join(unused)} belong to a page of maps; got them with {typed.source}. Leave them out.")
     every = typed.read()
     seen, left_out = divided(len(every.views), hold_out)
     source, held = every.only(seen), every.only(left_out)

@@ -91,7 +91,9 @@ def is_maps(source: Path) -> bool:
     return any((source / name).is_file() for name in ("maps.toml", "run.json"))
 
 
-def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool) -> None:
+def report_maps(
+    typed: Options, out: Path, hold_out: int | None, title: str, *, quick: bool, full: bool, embed: bool
+) -> None:
     """Write the page of the maps in a folder, with the folder of their photographs if one is given after it."""
     import diffshade as ds
 
@@ -118,6 +120,9 @@ def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool)
         views=[views[i] for i in seen],
         held_out=[views[i] for i in left_out],
         titles=[names[i] for i in (*seen, *left_out)],
+        title=title,
+        full=full,
+        embed=embed,
         progress=True,
     )
     about = {"photographs": [names[i] for i in seen], "left_out": [names[i] for i in left_out], "notes": maps.notes}

@@ -16,15 +16,23 @@ OF_MATERIAL = ("k_a", "k_d", "k_s", "n_s")
 COLOURS = np.array([0.6, 0.4, 0.2])
 TRUTH = standard_scene(ds.Material(0.1, COLOURS, 0.5 * COLOURS, 50), LIGHTS)
 SIGMA = 0.005
-IMAGES = noisy(photographs(TRUTH), SIGMA, 0)
-INSIDE = np.asarray(seen_by(CAMERA).mask)
 
 pytestmark = pytest.mark.usefixtures("unexplained")
 
 
+@cache
+def images() -> list[np.ndarray]:
+    return noisy(photographs(TRUTH), SIGMA, 0)
+
+
+@cache
+def inside() -> np.ndarray:
+    return np.asarray(seen_by(CAMERA).mask)
+
+
 def fit(free: Sequence[str] = OF_MATERIAL, *, scene: ds.Scene | None = None, noise: Any = None, **options: Any):
     told = forget(TRUTH, free) if scene is None else scene
-    return ds.fit(told, one_light_each(IMAGES, noise=noise), free=free, **options)
+    return ds.fit(told, one_light_each(images(), noise=noise), free=free, **options)
 
 
 @cache
@@ -125,8 +133,8 @@ def test_a_prior_of_a_linear_unknown_is_combined_with_known_noise_as_a_precision
         photographs(standard_scene(ds.Material(material.k_a, k_d, material.k_s, material.n_s), LIGHTS))
         for k_d in (0.0, 1.0)
     )
-    J = [(b - a)[INSIDE] for a, b in zip(without, with_one, strict=True)]
-    y = [(image - a)[INSIDE] for a, image in zip(without, IMAGES, strict=True)]
+    J = [(b - a)[inside()] for a, b in zip(without, with_one, strict=True)]
+    y = [(image - a)[inside()] for a, image in zip(without, images(), strict=True)]
     precision = np.sum([(j * j).sum(0) for j in J], 0) / SIGMA**2
     alone = np.sum([(j * z).sum(0) for j, z in zip(J, y, strict=True)], 0) / SIGMA**2 / precision
     prior, width = 0.3, 1.0 / np.sqrt(precision.mean())  # about as good as the photographs

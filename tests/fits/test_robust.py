@@ -13,7 +13,12 @@ from unexplained import unexplained  # noqa: F401
 import diffshade as ds
 from diffshade.inverse.data.samples import find_samples
 
-INSIDE = np.asarray(seen_by(CAMERA).mask)
+
+@cache
+def inside() -> np.ndarray:
+    return np.asarray(seen_by(CAMERA).mask)
+
+
 SCENE = standard_scene()
 
 
@@ -32,7 +37,7 @@ CLIPPED_ARE: dict[str, dict[str, Any]] = {"hinge": {}, "tobit": {"noise": SIGMA}
 def clipped_highlights() -> tuple[list[np.ndarray], float]:
     """Return photographs of which the brightest 0.7 % of samples are clipped, and the level."""
     images = noisy(photographs(SHINY), SIGMA, 0)
-    level = float(np.quantile(np.concatenate([image[INSIDE].ravel() for image in images]), 0.993))
+    level = float(np.quantile(np.concatenate([image[inside()].ravel() for image in images]), 0.993))
     return [np.minimum(image, level) for image in images], level
 
 
@@ -40,7 +45,7 @@ def clipped_highlights() -> tuple[list[np.ndarray], float]:
 def test_clipped_highlights_leave_the_exponent_within_a_percent(clipped):
     images, level = clipped_highlights()
     found = standard_fit(images, view={"saturation": level, **CLIPPED_ARE[clipped]}, clipped=clipped)
-    number = sum(int((image[INSIDE] >= level).sum()) for image in images)
+    number = sum(int((image[inside()] >= level).sum()) for image in images)
     left_out = clipped == "exclude"
     assert (found.counts.clipped, found.counts.left_out) == ((0, number) if left_out else (number, 0))
     (note,) = [note for note in found.notes if note.kind == "clipped"]
@@ -68,7 +73,7 @@ def test_samples_clipped_at_the_floor_say_only_that_the_truth_is_below():
     tobit = standard_fit(images, view={"black": black, "floor": 0.0, "noise": SIGMA}, clipped="tobit")
     assert np.abs(off(ignored)[:9]).max() > 0.02
     assert np.abs(off(hinge)[:9]).max() < 0.01
-    assert hinge.counts.clipped == sum(int((image[INSIDE] <= 0.0).sum()) for image in images) > 0
+    assert hinge.counts.clipped == sum(int((image[inside()] <= 0.0).sum()) for image in images) > 0
     # a hinge takes what noise lifts above the floor as it is; the likelihood of a censored sample does not
     assert np.abs(off(tobit) / tobit.plain_errors).max() < 4.5
     assert np.abs(off(hinge)[:3]).max() > np.abs(off(tobit)[:3]).max()

@@ -214,6 +214,7 @@ def test_faults_of_several_kinds_are_told_apart_with_their_sizes_and_places():
     assert "View.mask" in shadow.sentence
 
 
+@pytest.mark.thorough
 def test_an_encoding_is_found_and_nothing_else():
     (found,) = suspicions(standard_fit([ds.srgb_encode(image) for image in noisy_images()]))
     assert (found.kind, found.region, found.views) == ("encoding", None, tuple(range(8)))

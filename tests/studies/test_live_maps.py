@@ -1,12 +1,14 @@
 """The picture of a page of maps, in a browser: it is what `shade` returns, pixel by pixel, and can be handled."""
 
 import dataclasses
+import re
 
 import made_maps
 import numpy as np
 import pytest
 from browser import chromium
 from maps_stage import Stage
+from report_pages import Page
 
 import diffshade as ds
 
@@ -29,7 +31,7 @@ def bumpy():
 @pytest.fixture
 def stage(bumpy, browser, tmp_path):
     maps, heights, views = bumpy
-    ds.write_report(tmp_path / "maps.html", maps, views=views[:5], held_out=views[5:], heights=heights)
+    ds.write_report(tmp_path / "maps.html", maps, views=views[:5], held_out=views[5:], heights=heights, full=True)
     yield Stage(browser, tmp_path / "maps.html")
     assert browser.get_log("browser") == []
 
@@ -91,7 +93,7 @@ def test_maps_of_known_normals_are_drawn_without_heights(browser, bumpy, tmp_pat
     surface = ds.GBuffer(maps.values["normal"], item.surface.position, maps.status > 0)
     scene = dataclasses.replace(maps.scene, objects=(dataclasses.replace(item, surface=surface),))
     known = dataclasses.replace(maps, values=values, errors=errors, scene=scene)
-    ds.write_report(tmp_path / "known.html", known, views=views)
+    ds.write_report(tmp_path / "known.html", known, views=views, full=True)
     stage = Stage(browser, tmp_path / "known.html")
     assert stage.told["heights"] is None
     assert off(stage.draw(view="3"), stage.shown(known.shade(lit=3), 3), known.status > 0) < 1
@@ -100,11 +102,11 @@ def test_maps_of_known_normals_are_drawn_without_heights(browser, bumpy, tmp_pat
 
 def test_regions_and_lamps_nearby_are_drawn_as_shade_does(browser, tmp_path):
     maps, heights, views = made_maps.bumpy(regions=True)
-    ds.write_report(tmp_path / "regions.html", maps, views=views, heights=heights)
+    ds.write_report(tmp_path / "regions.html", maps, views=views, heights=heights, full=True)
     stage = Stage(browser, tmp_path / "regions.html")
     assert off(stage.draw(view="4"), stage.shown(maps.shade(lit=4), 4), maps.status > 0) < 1
     maps, views = made_maps.ball_nearby()
-    ds.write_report(tmp_path / "ball.html", maps, views=views)
+    ds.write_report(tmp_path / "ball.html", maps, views=views, full=True)
     stage = Stage(browser, tmp_path / "ball.html")
     for i, view in enumerate(views):
         assert off(stage.draw(view=str(i)), stage.shown(maps.shade(lit=view.lit), i), maps.status > 0) < 1
@@ -197,3 +199,63 @@ def test_every_control_has_a_name_and_nothing_is_wider_than_a_phone(stage):
     controls = [node for node in nodes if node.get("role", {}).get("value") in KINDS and not node["ignored"]]
     assert len(controls) > 15
     assert all(node["name"]["value"].strip() for node in controls)
+
+
+def test_a_light_page_is_as_near_as_it_says(bumpy, browser, tmp_path):
+    maps, heights, views = bumpy
+    ds.write_report(tmp_path / "light.html", maps, views=views, heights=heights)
+    stage, inside = Stage(browser, tmp_path / "light.html"), maps.status > 0
+    every = [stage.draw(view=str(i)) - stage.shown(maps.shade(lit=views[i].lit), i) for i in (0, 2, 5)]
+    drawn = np.quantile(255 * np.abs(np.stack(every)[:, inside]), (0.9, 0.99))
+    (said,) = [text for _, text in Page(tmp_path / "light.html").all("td") if "steps of 255" in text]
+    told = np.array(re.findall(r"([\d.]+)(?: steps of 255)? at", said), float)
+    np.testing.assert_allclose(drawn, told, atol=0.5 + 0.1 * told.max())  # rounded to whole steps by the browser
+    assert browser.get_log("browser") == []
+
+
+def test_a_vertical_swipe_scrolls_and_a_drag_across_lights(bumpy, browser, tmp_path):
+    maps, heights, views = bumpy
+    ds.write_report(tmp_path / "phone.html", maps, views=views, heights=heights)
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
+    try:
+        stage = Stage(browser, tmp_path / "phone.html")
+        stage.resize(5)
+        top = "const at = document.querySelector('.frame canvas').getBoundingClientRect(); return [at.left, at.top]"
+
+        def swiped(x, y):  # from the middle of the picture; returns by how much the page and the light moved
+            place = stage.value("azimuth"), stage.value("elevation")
+            before = browser.execute_script("return window.scrollY")
+            left, up = browser.execute_script(top)
+            at = {"x": left + 2.5 * WIDTH, "y": up + 3.5 * HEIGHT}
+            gesture = {**at, "xDistance": x, "yDistance": y, "gestureSourceType": "touch", "speed": 400}
+            browser.execute_cdp_cmd("Input.synthesizeScrollGesture", gesture)
+            stage.wait()
+            light = np.hypot(stage.value("azimuth") - place[0], stage.value("elevation") - place[1])
+            return browser.execute_script("return window.scrollY") - before, light
+
+        scrolled, turned = swiped(0, -150)
+        assert scrolled > 100
+        assert turned < 1e-6
+        scrolled, turned = swiped(60, 0)
+        assert scrolled == 0
+        assert turned > 5.0
+    finally:
+        browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_page_for_a_frame_is_the_picture_and_its_dial(bumpy, browser, tmp_path):
+    maps, heights, views = bumpy
+    ds.write_report(tmp_path / "embed.html", maps, views=views, heights=heights, embed=True)
+    browser.get((tmp_path / "embed.html").as_uri())
+    seen = [of.tag_name for of in browser.find_elements("css selector", "main *") if of.is_displayed()]
+    assert {"canvas", "svg", "button"} <= set(seen)
+    assert not {"p", "h2", "h3", "label", "table", "img"} & set(seen)
+    box = browser.execute_script(
+        "const of = document.querySelector('canvas').getBoundingClientRect();"
+        "return [of.width - window.innerWidth, of.height - window.innerHeight]"
+    )
+    assert box == [0, 0]
+    assert browser.get_log("browser") == []

@@ -5,6 +5,7 @@ import dataclasses
 import hashlib
 import json
 
+import imageio.v3 as iio
 import made_maps
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ def test_every_overlay_has_a_legend_in_words(page):
 def test_layers_hold_the_numbers_as_finely_as_they_say(bumpy):
     maps, heights, _ = bumpy
     numbers = numbers_of(maps, heights)
-    kept = {layer.name: layer.numbers for layer in layers_of(numbers)[0]}
+    kept = {layer.name: layer.numbers for layer in layers_of(numbers, None)[0]}
     inside = numbers.inside
     np.testing.assert_allclose(unfolded(kept["geometry"][..., :2])[inside], numbers.normal[inside], atol=1e-4)
     np.testing.assert_allclose(kept["geometry"][..., 2][inside], heights.height[inside], atol=1e-5)
@@ -109,11 +110,59 @@ def test_all_parts_of_the_light_beyond_the_model_are_kept_where_they_fit(bumpy, 
         parts=np.tile(maps.unexplained.parts.reshape(40, 56, 3, 4), 5).reshape(40, 56, 60),
     )})  # fmt: skip
     numbers = numbers_of(many, heights)
-    kept, files = layers_of(numbers)
+    kept, files = layers_of(numbers, None)
     assert sum(layer.name.startswith("beyond") for layer in kept) == 20
     size = sum(len(base64.b64decode(file)) for of in files.values() for file in of)
     monkeypatch.setattr(layers, "LIMIT", size - 1)
-    assert sum(layer.name.startswith("beyond") for layer in layers_of(numbers)[0]) == 19
+    assert sum(layer.name.startswith("beyond") for layer in layers_of(numbers, None)[0]) == 19
+
+
+def test_light_beyond_the_model_is_rounded_to_even_steps_until_nothing_is_left(bumpy):
+    maps, heights, _ = bumpy
+    parts = maps.unexplained.parts.reshape(40, 56, 3, 4) * np.array([1.0, 0.5, 0.1, 0.01], np.float16)
+    faint = dataclasses.replace(maps, unexplained=maps.unexplained._replace(parts=parts.reshape(40, 56, 12)))
+    numbers, step = numbers_of(faint, heights), 0.02
+    assert numbers.beyond is not None
+    kept = {layer.name: layer.numbers for layer in layers_of(numbers, step)[0]}
+    assert [name for name in kept if name.startswith("beyond")] == ["beyond0", "beyond1", "beyond2"]
+    for k in range(3):
+        off = np.abs(kept[f"beyond{k}"] - numbers.beyond[..., k])[numbers.inside]
+        assert off.max() <= 0.5 * step * (1.0 + 1e-6)
+    assert np.abs(numbers.beyond[numbers.inside][..., 3]).max() < 0.5 * step
+
+
+def test_a_page_is_light_unless_it_is_to_be_full(bumpy, tmp_path):
+    maps, heights, views = bumpy
+    size, said = {}, {}
+    for full in (False, True):
+        path = tmp_path / f"{full}.html"
+        ds.write_report(path, maps, views=views, heights=heights, full=full)
+        size[full] = sum(len(text) for a, text in Page(path).all("script") if a.get("id", "").startswith("beyond"))
+        (words,) = [text for _, text in Page(path).all("td") if "steps of 255" in text]
+        said[full] = float(words.split()[0])
+    assert size[False] < 0.6 * size[True]
+    assert said[True] <= 0.1 < said[False] < 4.0  # all that is beyond the model is noise here
+
+
+def test_a_page_has_its_title_and_a_still_picture(bumpy, tmp_path):
+    maps, heights, _ = bumpy
+    ds.write_report(tmp_path / "maps.html", maps, heights=heights, title=HOSTILE)
+    page = Page(tmp_path / "maps.html")
+    assert [text for tag in ("title", "h1") for _, text in page.all(tag)] == [HOSTILE] * 2
+    (still,) = [a["src"] for a, _ in page.all("img") if a["src"].startswith("data:image/jpeg")]
+    picture = iio.imread(base64.b64decode(still.partition(",")[2]))
+    shown = maps.shade(lit=told(page)["first"])
+    assert picture.shape[:2] == maps.status.shape
+    assert np.corrcoef(picture[..., 0].ravel(), shown[..., 0].ravel())[0, 1] > 0.8  # a JPEG of noise
+
+
+def test_a_page_for_a_frame_has_neither_tables_nor_photographs(bumpy, tmp_path):
+    maps, heights, views = bumpy
+    ds.write_report(tmp_path / "maps.html", maps, views=views, heights=heights, embed=True)
+    page = Page(tmp_path / "maps.html")
+    assert not page.all("table")
+    assert not page.all("h1")
+    assert not [a for a, _ in page.all("script") if a.get("id", "").startswith("photograph-")]
 
 
 def test_unit_vectors_of_every_direction_are_unfolded_again():
@@ -125,7 +174,7 @@ def test_unit_vectors_of_every_direction_are_unfolded_again():
 
 @pytest.mark.parametrize(("curve", "low", "high"), [(0, -2.0, 3.0), (1, 0.0, 3.0), (2, 0.0, 3.0), (3, 0.1, 300.0)])
 def test_integers_become_the_nearest_numbers(curve, low, high):
-    channel = Channel(curve, 8, low, high)
+    channel = Channel(curve, 254, low, high)
     every = np.arange(255, dtype=np.uint16)
     np.testing.assert_array_equal(channel.quantised(channel.number(every)), every)
     ends = channel.number(np.array([0, 254], np.uint16))
@@ -177,6 +226,11 @@ def test_the_command_writes_the_page_of_a_folder_of_maps(bumpy, tmp_path):
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["page"] == str(page)
     assert len(told(Page(page))["views"]) == len(bumpy[0].scene.lights)
+    assert [text for _, text in Page(page).all("title")] == ["maps"]  # the folder's name
+    arguments = ["report", str(tmp_path / "maps"), "-o", str(page), "--title", "A bronze", "--embed"]
+    assert CliRunner().invoke(diffshade, arguments).exit_code == 0
+    assert [text for _, text in Page(page).all("title")] == ["A bronze"]
+    assert not Page(page).all("table")
     refused = CliRunner().invoke(diffshade, ["report", str(tmp_path / "maps"), "--hold-out", "2", "-o", str(page)])
     assert "photographs --hold-out 4" in str(refused.exception)
     for option in (["--free", "k_d"], ["--loss", "huber"], ["--quick"]):

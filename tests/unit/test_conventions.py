@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import equinox as eqx
 import numpy as np
 import pytest
@@ -11,8 +13,12 @@ import diffshade as ds
 from diffshade.inverse.misfit.conventions import axes_in_words, orders
 
 FREE = ("k_a", "k_d", "k_s", "n_s")
-IMAGES = noisy(photographs(standard_scene()), 0.005, 0)
-N = len(IMAGES)
+N = len(point_lights())
+
+
+@cache
+def images() -> list[np.ndarray]:
+    return noisy(photographs(standard_scene()), 0.005, 0)
 
 
 def fitted(axes=None, order=range(N)) -> ds.Fit:
@@ -21,7 +27,7 @@ def fitted(axes=None, order=range(N)) -> ds.Fit:
     if axes is not None:
         places = [np.asarray(axes, float) @ np.asarray(light.position) for light in point_lights()]
         scene = eqx.tree_at(lambda s: [light.position for light in s.lights], scene, places)
-    views = [eqx.tree_at(lambda v: v.image, one_light_each(IMAGES)[k], IMAGES[i]) for i, k in enumerate(order)]
+    views = [eqx.tree_at(lambda v: v.image, one_light_each(images())[k], images()[i]) for i, k in enumerate(order)]
     return ds.fit(scene, views, free=FREE)
 
 

@@ -84,6 +84,7 @@ def found_in(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
     return degrees(found.directions, ball.directions), found.errors
 
 
+@pytest.mark.thorough
 def test_one_ball_of_two_is_found():
     found = found_in("two", 0)
     assert found is not None

@@ -29,7 +29,7 @@ from . import charts, tables
 from .ball import ball_scene, scene_to_render
 from .checks import check_page, check_titles
 from .maps.checks import check_maps
-from .maps.writing import PagePhotographs, write_maps_page
+from .maps.writing import PageForm, PagePhotographs, write_maps_page
 from .pictures import ball_picture, build_gallery
 from .residuals import collect_residuals, curve
 from .shaders import shader
@@ -59,6 +59,9 @@ def write_report(
     held_out: Sequence[View] = (),
     heights: HeightMap | None = None,
     titles: Sequence[str] = (),
+    title: str = "",
+    full: bool = False,
+    embed: bool = False,
     progress: bool = False,
 ) -> None:
     """Write a report of a fit, or of maps: one HTML file that opens in any browser, offline.
@@ -70,8 +73,8 @@ def write_report(
 
     That of maps shows the object under a light that is moved by hand, as `TexelMaps.shade` computes it, or with shadows
     cast by the heights; overlays of normals, status and errors; each photograph beside the same light; photographs
-    beside their predictions. Numbers are rounded to steps that the page states; maps of more than 4.2 million texels
-    are reduced by means.
+    beside their predictions. Numbers are rounded to steps so that the page is light enough to be sent; it states them,
+    and how far its picture is from that of the maps. Maps of more than 4.2 million texels are reduced by means.
 
     With bands from `fit_bands`, either shows photographs that were left out beside their predictions, and how many of
     their samples lie inside.
@@ -87,6 +90,9 @@ def write_report(
         held_out: Of maps or bands: photographs by the same camera that were left out, to be predicted.
         heights: Of maps: the heights; by default the integral of their normals, or the scene's surface.
         titles: A name for each of the fit's views, or for each of `views` and then of `held_out`; by default its index.
+        title: Of the page of maps; by default how many texels the object has.
+        full: Whether the page of maps keeps its numbers as finely as 33 MB allow; about four times as large.
+        embed: Whether the page of maps is its picture and the dial of the light alone, for a frame in another page.
         progress: Show a progress line on the terminal.
 
     Raises:
@@ -105,6 +111,9 @@ def write_report(
         "views": tuple(views) or None,
         "held_out": (tuple(held_out) or None) if bands is None else None,
         "heights": heights,
+        "title": title or None,
+        "full": full or None,
+        "embed": embed or None,
     }
     check_page(path)
     if isinstance(result, TexelMaps):
@@ -113,7 +122,8 @@ def write_report(
         with replacing(path) as temporary, showing("report", show=progress) as report_progress:
             linear, left_out = (tuple(map(developed, of)) for of in (views, held_out))
             photographs = PagePhotographs(linear, left_out, tuple(titles))
-            write_maps_page(temporary, result, photographs, heights, bands, report_progress)
+            form = PageForm(title, full, embed)
+            write_maps_page(temporary, result, photographs, heights, bands, form, report_progress)
         return
     check_kind("result", result, Fit, "ds.fit(scene, views, free=('k_d',)), or maps of ds.fit_texels")
     _refuse(of_maps, "TexelMaps", "a fit")

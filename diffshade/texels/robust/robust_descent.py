@@ -74,6 +74,7 @@ def descend(
     observed: BlockObservations, shape: HighlightShape, weighing: Weighing, start: DescentState, steps: int
 ) -> DescentState:
     """Return the states after some steps, of which each texel takes those that lower its cost."""
+
     def step(_: Array, carry: tuple[DescentState, list[list[Array]], list[Array], Array]) -> tuple:
         state, A, g, damping = carry
         tried = _stepped(state, A, g, damping)

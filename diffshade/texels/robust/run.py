@@ -24,15 +24,8 @@ from ..status import DETERMINED, MIN_LIT_WITH_NORMAL, ROUNDING, SHADOWED, UNDETE
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
 from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
-from .block_fits import (
-    BlockCoefficients,
-    Normals,
-    Shown,
-    coefficients_of,
-    normals_of,
-    seen_by,
-    shown_by,
-)
+from .block_coefficients import BlockCoefficients, Shown, coefficients_of, shown_by
+from .block_fits import Normals, normals_of, seen_by
 from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, note_on_lobe

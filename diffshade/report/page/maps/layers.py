@@ -1,4 +1,4 @@
-"""Layers: numbers of every texel as integers of a few bits, in lossless PNGs that a browser decodes."""
+"""Layers: numbers of every texel as integers of a few bits, in lossless WebP files that a browser decodes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ERRORS = (("k_d", "k_s", "normal"), ("n_s", "height", "residual"))  # three to a
 class Quality(NamedTuple):
     """How finely numbers are kept."""
 
-    most_texels: int
+    most_texels: float
     geometry: int
     """Bits of a normal's two numbers and of a height."""
     coefficients: int
@@ -35,30 +35,32 @@ class Quality(NamedTuple):
     """How many texels a number of the light beyond the model, or an error, is wide."""
 
 
-QUALITIES = (
+LIGHT = Quality(np.inf, geometry=12, coefficients=10, beyond=8, parts=1, coarser=1)  # of a page that is sent
+QUALITIES = (  # of a page with everything
     Quality(1 << 19, geometry=16, coefficients=12, beyond=12, parts=9, coarser=1),
     Quality(1 << 21, geometry=14, coefficients=10, beyond=10, parts=6, coarser=2),
-    Quality(1 << 62, geometry=12, coefficients=8, beyond=8, parts=3, coarser=2),
-    Quality(1 << 62, geometry=12, coefficients=8, beyond=8, parts=3, coarser=4),
+    Quality(np.inf, geometry=12, coefficients=8, beyond=8, parts=3, coarser=2),
+    Quality(np.inf, geometry=12, coefficients=8, beyond=8, parts=3, coarser=4),
 )
 
 
 @dataclass(frozen=True)
 class Channel:
-    """How an integer from 0 to 2^bits - 2 becomes a number, by one of four curves of t, from 0 to 1.
+    """How an integer from 0 to `steps` becomes a number, by one of four curves of t, from 0 to 1.
 
     The curves are low + (high - low) t; high t^2; high s |s| with s = 2 t - 1; low (high / low)^t.
     """
 
     curve: int
-    bits: int
+    steps: int
+    """The integer of t = 1; even, so that s = 0 is one of them."""
     low: float
     high: float
 
     @property
-    def steps(self) -> int:
-        """The integer of t = 1; even, so that s = 0 is one of them."""
-        return (1 << self.bits) - 2
+    def bits(self) -> int:
+        """How many bits an integer has."""
+        return self.steps.bit_length()
 
     def quantised(self, value: Float[np.ndarray, "..."]) -> UInt16[np.ndarray, "..."]:
         """Return the nearest integers."""
@@ -101,14 +103,14 @@ class Layer:
         return np.stack(list(each), -1)
 
     def planes(self) -> list[bytes]:
-        """Return PNGs of the high bytes and, where an integer has more than 8 bits, of the low ones."""
-        high = encode(".png", (self.integers >> 8).astype(np.uint8))
-        low = encode(".png", (self.integers & 255).astype(np.uint8))
+        """Return files of the low bytes and, where an integer has more than 8 bits, of the high ones."""
+        high = encode(".webp", (self.integers >> 8).astype(np.uint8))
+        low = encode(".webp", (self.integers & 255).astype(np.uint8))
         return [low] if max(channel.bits for channel in self.channels) <= 8 else [low, high]
 
     def about(self) -> dict[str, Any]:
         """Return what decodes it, ready for JSON."""
-        channels = [*self.channels, *[Channel(LINEAR, 8, 0.0, 1.0)] * (3 - len(self.channels))]
+        channels = [*self.channels, *[Channel(LINEAR, 254, 0.0, 1.0)] * (3 - len(self.channels))]
         return {
             "name": self.name,
             "size": self.integers.shape[1::-1],
@@ -120,23 +122,30 @@ class Layer:
         }
 
 
-def layers_of(numbers: Numbers) -> tuple[list[Layer], dict[str, list[str]]]:
-    """Return the layers, and the PNGs of each by its name in base64, as finely as the size of a page allows."""
+def layers_of(numbers: Numbers, step: float | None) -> tuple[list[Layer], dict[str, list[str]]]:
+    """Return the layers, and the files of each by its name in base64, as finely as the size of a page allows.
+
+    Args:
+        numbers: Of the texels.
+        step: To what the light beyond the model is rounded, as a reflectance, in a page that is light; None keeps all
+            that fits.
+    """
     fitting = [quality for quality in QUALITIES if numbers.status.size <= quality.most_texels]
-    layers, files = _encoded(numbers, fitting[0])
+    fitting = fitting if step is None else [LIGHT, *fitting[-2:]]
+    layers, files = _encoded(numbers, fitting[0], step)
     for quality in fitting[1:]:
         if _size(files) <= LIMIT:
             break
-        layers, files = _encoded(numbers, quality)
+        layers, files = _encoded(numbers, quality, step)
     encoded = {name: [base64.b64encode(file).decode("ascii") for file in planes] for name, planes in files.items()}
     return layers, encoded
 
 
-def _encoded(numbers: Numbers, quality: Quality) -> tuple[list[Layer], dict[str, list[bytes]]]:
+def _encoded(numbers: Numbers, quality: Quality, step: float | None) -> tuple[list[Layer], dict[str, list[bytes]]]:
     """Return the layers and their files, with as many parts of the light beyond the model as fit."""
     layers = list(_layers(numbers, quality))
     files = {layer.name: layer.planes() for layer in layers}
-    for k, layer in enumerate(_parts(numbers, quality)):
+    for k, layer in enumerate(_parts(numbers, quality, step)):
         planes = layer.planes()
         if k >= quality.parts and _size(files) + sum(map(len, planes)) > LIMIT:
             break
@@ -152,7 +161,7 @@ def _size(files: Mapping[str, Sequence[bytes]]) -> int:
 def _layers(numbers: Numbers, quality: Quality) -> Iterator[Layer]:
     inside, bits = numbers.inside, quality.coefficients
     height = np.zeros(inside.shape) if numbers.height is None else numbers.height
-    octahedral = Channel(LINEAR, quality.geometry, -1.0, 1.0)
+    octahedral = Channel(LINEAR, _steps(quality.geometry), -1.0, 1.0)
     heights = _channel(LINEAR, quality.geometry, height[inside])
     geometry = np.concatenate([folded(numbers.normal), height[..., None]], -1)
     yield _layer("geometry", geometry, (octahedral, octahedral, heights), inside)
@@ -161,22 +170,33 @@ def _layers(numbers: Numbers, quality: Quality) -> Iterator[Layer]:
         # one range for all channels, so that what is grey stays grey
         yield _layer(name, value, (_channel(SQUARE, bits, value[inside]),) * 3, inside)
     index = np.stack([numbers.n_s, numbers.status, numbers.region], -1)
-    counts = Channel(LINEAR, 8, 0.0, 254.0)
+    counts = Channel(LINEAR, 254, 0.0, 254.0)
     yield _layer("index", index, (_channel(LOGARITHMIC, bits, numbers.n_s[numbers.n_s > 0.0]), counts, counts), inside)
     for i, names in enumerate(ERRORS):
         yield _error_layer(f"errors{i}", names, numbers, quality.coarser)
 
 
-def _parts(numbers: Numbers, quality: Quality) -> Iterator[Layer]:
-    """Yield the parts of the light beyond the model, the largest first."""
+def _parts(numbers: Numbers, quality: Quality, step: float | None) -> Iterator[Layer]:
+    """Yield the parts of the light beyond the model, the largest first; with a step, all but the last that are 0."""
     if numbers.beyond is None:
         return
-    inside = numbers.inside
+    inside, last = numbers.inside, numbers.beyond.shape[-1]
     everywhere = np.ones_like(thinned(inside, quality.coarser))  # 0 outside: the page interpolates
-    for k in range(numbers.beyond.shape[-1]):
+    if step is not None:
+        seen = np.abs(numbers.beyond[inside]).max((0, 1)) > 0.5 * step
+        last = int(np.flatnonzero(seen).max(initial=0)) + 1
+    for k in range(last):
         part = thinned(np.where(inside[..., None], numbers.beyond[..., k], 0.0), quality.coarser)
-        reach = _channel(SIGNED_SQUARE, quality.beyond, part)
+        reach = _channel(SIGNED_SQUARE, quality.beyond, part) if step is None else _even(step, part)
         yield dataclasses.replace(_layer(f"beyond{k}", part, (reach,) * 3, everywhere), coarser=quality.coarser)
+
+
+def _even(step: float, values: Float[np.ndarray, "..."]) -> Channel:
+    """Return a channel of steps of one size, with 0 in the middle."""
+    largest = float(np.abs(values).max())
+    step = max(step, 2.0 * largest / _steps(16))
+    most = max(int(np.ceil(largest / step)), 1)
+    return Channel(LINEAR, 2 * most, -most * step, most * step)
 
 
 def _error_layer(name: str, names: Sequence[str], numbers: Numbers, coarser: int) -> Layer:
@@ -187,7 +207,7 @@ def _error_layer(name: str, names: Sequence[str], numbers: Numbers, coarser: int
         known = inside & np.isfinite(error)
         positive = error[known & (error > 0.0)]
         ends = np.quantile(positive, (0.01, 0.99)) if positive.size else np.array([1.0, 2.0])
-        channel = Channel(LOGARITHMIC, 8, float(ends[0]), float(max(ends[1], 1.01 * ends[0])))
+        channel = Channel(LOGARITHMIC, 254, float(ends[0]), float(max(ends[1], 1.01 * ends[0])))
         channels.append(channel)
         integers.append(np.where(known, channel.quantised(np.where(known, error, 1.0)), UNKNOWN_ERROR))
     return Layer(name, tuple(channels), np.stack(integers, -1).astype(np.uint16), coarser)
@@ -198,9 +218,13 @@ def _channel(curve: int, bits: int, values: Float[np.ndarray, "..."]) -> Channel
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     if curve in (SQUARE, SIGNED_SQUARE):
-        return Channel(curve, bits, 0.0, max(abs(low), abs(high)) or 1.0)
+        return Channel(curve, _steps(bits), 0.0, max(abs(low), abs(high)) or 1.0)
     low = max(low, 1e-3) if curve == LOGARITHMIC else low
-    return Channel(curve, bits, low, high if high > low else low + 1.0)
+    return Channel(curve, _steps(bits), low, high if high > low else low + 1.0)
+
+
+def _steps(bits: int) -> int:
+    return (1 << bits) - 2
 
 
 def _layer(name: str, value: np.ndarray, channels: tuple[Channel, ...], inside: np.ndarray) -> Layer:

@@ -6,12 +6,14 @@
   const control = (name) => section.querySelector(`[name="${name}"]`);
   const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
   const size = scene.layers[0].size;
+  section.classList.remove("without-webgl");
+  section.classList.add("loading");
   if (!gl?.getExtension("EXT_color_buffer_float") || Math.max(...size) > gl.getParameter(gl.MAX_TEXTURE_SIZE)) {
     section.classList.add("without-webgl");
     return;
   }
   const { camera, views } = scene, { dot } = vectors, photographs = new Map();
-  const light = {}, first = middling();
+  const light = {}, { first } = scene;
   let picture = null, photograph = null;
 
   // The light
@@ -21,12 +23,6 @@
     const z = Math.sqrt(Math.max(1 - x * x - y * y, 0));
     return [0, 1, 2].map((i) => x * camera.right[i] + y * camera.up[i] + z * camera.backward[i]);
   };
-
-  function middling() {  // the first photograph that is not brighter than most: white is that of the median one
-    const brightness = views.map(({ gain, arriving }) => gain * Math.max(...arriving));
-    const median = [...brightness].sort((a, b) => a - b)[views.length >> 1];
-    return brightness.findIndex((of) => of <= median);
-  }
 
   function weights(toward) {  // of the light beyond the model (diffshade.texels.unexplained)
     const of = scene.interpolation;

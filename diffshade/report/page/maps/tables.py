@@ -44,8 +44,8 @@ def remarks(stage: dict[str, Any]) -> list[str]:
     return [f"The live picture has a light at infinity in place of those of {', '.join(missing)}."] if missing else []
 
 
-def packed(numbers: Numbers, layers: Sequence[Layer]) -> PageTable:
-    """Return how finely each number is kept."""
+def packed(numbers: Numbers, layers: Sequence[Layer], off_by: str | None) -> PageTable:
+    """Return how finely each number is kept, and by how much the picture differs."""
     inside, rows = numbers.inside, []
     for layer in layers:
         kept, bits = layer.numbers, layer.channels[0].bits
@@ -68,6 +68,8 @@ def packed(numbers: Numbers, layers: Sequence[Layer]) -> PageTable:
                 _off_beyond(numbers, parts),
             )
         )
+    if off_by is not None:
+        rows.append(("picture", "", off_by))
     return PageTable(("number", "bits", "largest difference from the maps"), tuple(rows), ())
 
 

@@ -1,9 +1,9 @@
 "use strict";
-// The maps as textures: PNGs of integers, made numbers once by decode.glsl.
+// The maps as textures: files of integers, made numbers once by decode.glsl.
 const mapTextures = (() => {
   const source = (id) => document.getElementById(id)?.textContent;
 
-  async function picture(id, kind = "png") {
+  async function picture(id, kind = "webp") {
     const image = new Image();
     image.src = `data:image/${kind};base64,${source(id)}`;
     await image.decode();

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ....core.progress import ReportProgress
 from ....diagnosis.prediction_bands import PredictionBands
 from ....inverse.data.views import View
+from ....inverse.result import Prediction
 from ....texels.heights.integration import integrate_normals
 from ....texels.heights.map import HeightMap
 from ....texels.maps import TexelMaps
@@ -19,7 +21,7 @@ from ....texels.predictions import relative_error
 from ....texels.status import OUTSIDE
 from ...drawn_bands import drawn_bands
 from .. import charts
-from ..pictures import build_gallery
+from ..pictures import QUALITY, build_gallery
 from ..shaders import shader
 from ..tables import bands as on_bands
 from ..tables import shown
@@ -28,11 +30,14 @@ from . import tables
 from .layers import Layer, layers_of
 from .numbers import Numbers, numbers_of
 from .overlays import DARK, LEVELS_OF_STATUS, gradient, overlays_of
-from .photographs import as_jpeg, white_of
+from .photographs import SMALL_QUALITY, as_jpeg, still_of, white_of
+from .rounding import picture_off
 from .stage import Lighting, stage_of
 
 MOST_PHOTOGRAPHS = 24  # that the live picture is compared with
-MOST_PREDICTIONS = 12
+MOST_PREDICTIONS, FEW_PREDICTIONS = 12, 6  # with everything, and in a light page
+# Of white: to what a light page rounds what is beyond the model. Nine texels of ten then differ by 1.5 steps of 255.
+STEP = 1.0 / 16.0
 SHADERS = ("decode", "relief", "shadow", "beyond", "maps", "present")
 STYLES = ("page.css", "maps/maps.css")
 SCRIPTS = (
@@ -68,9 +73,27 @@ class PagePhotographs:
         """Return the indices of at most so many of the fitted, evenly spread, and as many of those left out."""
         return _spread(len(self.fitted), most) + [len(self.fitted) + i for i in _spread(len(self.left_out), most)]
 
-    def predicted(self) -> list[int]:
-        """Return the indices of those beside predictions: those left out, where there are any."""
-        return [i for i in self.some(MOST_PREDICTIONS) if not self.left_out or i >= len(self.fitted)]
+    def predicted(self, most: int) -> list[int]:
+        """Return the indices of at most so many beside predictions: those left out, where there are any."""
+        return [i for i in self.some(most) if not self.left_out or i >= len(self.fitted)]
+
+
+class PageForm(NamedTuple):
+    """What the user of a page wants."""
+
+    title: str
+    """Empty: how many texels the object has."""
+    full: bool
+    """Whether numbers are kept as finely as fits, rather than so that the page is light."""
+    embed: bool
+    """Whether it has the picture and its dial alone."""
+
+
+class _Predicted(NamedTuple):
+    names: list[str]
+    predictions: list[Prediction]
+    off: Float[np.ndarray, " n"]
+    """Relative errors."""
 
 
 def write_maps_page(
@@ -79,6 +102,7 @@ def write_maps_page(
     photographs: PagePhotographs,
     heights: HeightMap | None,
     bands: PredictionBands | None,
+    form: PageForm,
     report_progress: ReportProgress,
 ) -> None:
     """Write the page; see `write_report`."""
@@ -87,27 +111,26 @@ def write_maps_page(
         inside, errors = maps.status != OUTSIDE, maps.errors["normal"]
         heights = integrate_normals(maps.values["normal"], maps.camera, mask=inside, errors=errors)
     report_progress("numbers")
-    numbers = numbers_of(maps, heights)
-    layers, planes = layers_of(numbers)
+    numbers, white = numbers_of(maps, heights), white_of(maps, photographs.every)
+    lightings = _lightings(maps, photographs)
+    stage = stage_of(maps, lightings, white, numbers.factor)
+    first = lightings[_first(stage["views"])]
+    layers, planes = layers_of(numbers, None if form.full else STEP * _reflectance_of_white(stage["views"]))
+    beside = [] if form.embed else photographs.some(MOST_PHOTOGRAPHS)
+    _name(stage["views"], photographs, beside)
     report_progress("predictions")
-    white = white_of(maps, photographs.every)
-    stage = stage_of(maps, _lightings(maps, photographs), white, numbers.factor)
-    _name(stage["views"], photographs)
-    predicted = photographs.predicted()
-    names = [photographs.names[i] for i in predicted]
-    predictions = [(bands or maps).predict(photographs.every[i]) for i in predicted]
-    off = np.array(
-        [relative_error(p, float(photographs.every[i].black)) for i, p in zip(predicted, predictions, strict=True)]
-    )
+    predicted = _predicted(maps, photographs, bands, form)
     overlays = overlays_of(numbers, layers)
     report_progress("writing")
     page = fill(
         "maps/maps.html",
         STYLES,
         SCRIPTS,
-        title=f"An object of {int((maps.status != OUTSIDE).sum()):,} texels",
+        title=form.title or f"An object of {int((maps.status != OUTSIDE).sum()):,} texels",
+        embed=form.embed,
+        still=still_of(maps, first.lit, first.exposure, white),
         lead=tables.lead(maps),
-        facts=tables.facts(maps, len(photographs.fitted), len(photographs.left_out), off),
+        facts=tables.facts(maps, len(photographs.fitted), len(photographs.left_out), predicted.off),
         view_groups=[
             (group, [(i, view["name"]) for i, view in enumerate(stage["views"]) if view["held_out"] == left_out])
             for group, left_out in (("left out of the fit", True), ("used by the fit", False))
@@ -123,18 +146,39 @@ def write_maps_page(
         remarks=tables.remarks(stage),
         table=shown(maps.columns),
         notes=[str(note) for note in (*maps.notes, *(() if heights is None else heights.notes))],
-        gallery=build_gallery(predictions, names, drawn_bands(())) if predictions else None,
+        gallery=build_gallery(predicted.predictions, predicted.names, drawn_bands(())) if predicted.names else None,
         seen=not photographs.left_out,
-        bands=None if bands is None else on_bands(bands, predictions),
-        charts=[charts.errors_of_each(off, names, "relative error", "Each photograph")] if predictions else [],
+        bands=None if bands is None else on_bands(bands, predicted.predictions),
+        charts=_charts(predicted),
         factor=numbers.factor,
-        packed=tables.packed(numbers, layers),
-        scene=as_script(_scene(numbers, layers, planes, stage, overlays)),
+        packed=tables.packed(numbers, layers, picture_off(maps, numbers, layers, white)),
+        scene=as_script({"first": _first(stage["views"]), **_scene(numbers, layers, planes, stage, overlays)}),
         shaders={name: shader(f"maps/{name}.glsl", stage["lobes"], stage["laws"]) for name in SHADERS},
         files={f"{name}-{k}": file for name, of in planes.items() for k, file in enumerate(of)}
-        | {f"photograph-{i}": as_jpeg(photographs.every[i], white) for i in photographs.some(MOST_PHOTOGRAPHS)},
+        | _jpegs(photographs, beside, white, QUALITY if form.full else SMALL_QUALITY),
     )
     path.write_text(page, encoding="utf-8")
+
+
+def _predicted(
+    maps: TexelMaps, photographs: PagePhotographs, bands: PredictionBands | None, form: PageForm
+) -> _Predicted:
+    """Return some photographs beside what the maps predict of them."""
+    which = [] if form.embed else photographs.predicted(MOST_PREDICTIONS if form.full else FEW_PREDICTIONS)
+    found = [(bands or maps).predict(photographs.every[i]) for i in which]
+    off = [relative_error(p, float(photographs.every[i].black)) for i, p in zip(which, found, strict=True)]
+    return _Predicted([photographs.names[i] for i in which], found, np.array(off))
+
+
+def _charts(predicted: _Predicted) -> list[charts.Chart]:
+    if not predicted.names:
+        return []
+    return [charts.errors_of_each(predicted.off, predicted.names, "relative error", "Each photograph")]
+
+
+def _jpegs(photographs: PagePhotographs, which: Sequence[int], white: float, quality: int) -> dict[str, str]:
+    """Return the photographs that the live picture is compared with."""
+    return {f"photograph-{i}": as_jpeg(photographs.every[i], white, quality) for i in which}
 
 
 def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
@@ -144,10 +188,21 @@ def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
     return [Lighting(view.lit, float(view.exposure), float(view.black)) for view in photographs.every]
 
 
-def _name(views: list[dict[str, Any]], photographs: PagePhotographs) -> None:
-    """Add to the lights of the stage which photograph they are those of."""
+def _reflectance_of_white(views: Sequence[dict[str, Any]]) -> float:
+    """Return the reflectance that the page shows as white, facing the light of the median view."""
+    each = [view["gain"] * max(view["arriving"]) for view in views]
+    return 1.0 / (float(np.median(each)) or 1.0)
+
+
+def _first(views: Sequence[dict[str, Any]]) -> int:
+    """Return the first view that is not brighter than most, with which the page opens: white is that of the median."""
+    brightness = np.array([view["gain"] * max(view["arriving"]) for view in views])
+    return int(np.argmax(brightness <= np.median(brightness)))
+
+
+def _name(views: list[dict[str, Any]], photographs: PagePhotographs, shown: Sequence[int]) -> None:
+    """Add to the lights of the stage which photograph they are those of, and whether it is shown."""
     names = photographs.names or [f"light {i}" for i in range(len(views))]
-    shown = photographs.some(MOST_PHOTOGRAPHS)
     for i, (view, name) in enumerate(zip(views, names, strict=True)):
         left_out = bool(photographs.left_out) and i >= len(photographs.fitted)
         view |= {"name": name, "held_out": left_out, "photograph": i in shown}
