@@ -209,7 +209,8 @@ def test_a_light_page_is_as_near_as_it_says(bumpy, browser, tmp_path):
     drawn = np.quantile(255 * np.abs(np.stack(every)[:, inside]), (0.9, 0.99))
     (said,) = [text for _, text in Page(tmp_path / "light.html").all("td") if "steps of 255" in text]
     told = np.array(re.findall(r"([\d.]+)(?: steps of 255)? at", said), float)
-    np.testing.assert_allclose(drawn, told, atol=0.5 + 0.1 * told.max())  # rounded to whole steps by the browser
+    # the browser rounds to whole steps, and the page's figure is of other lights
+    np.testing.assert_allclose(drawn, told, atol=0.5, rtol=0.25)
     assert browser.get_log("browser") == []
 
 
@@ -224,16 +225,22 @@ def test_a_vertical_swipe_scrolls_and_a_drag_across_lights(bumpy, browser, tmp_p
         stage.resize(5)
         top = "const at = document.querySelector('.frame canvas').getBoundingClientRect(); return [at.left, at.top]"
 
-        def swiped(x, y):  # from the middle of the picture; returns by how much the page and the light moved
+        def touch(kind, *places):
+            points = [{"x": x, "y": y} for x, y in places]
+            browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        def swiped(x, y):  # from within the picture; returns by how much the page and the light moved
+            stage.browser.execute_script("scrollTo(0, 0)")
             place = stage.value("azimuth"), stage.value("elevation")
-            before = browser.execute_script("return window.scrollY")
             left, up = browser.execute_script(top)
-            at = {"x": left + 2.5 * WIDTH, "y": up + 3.5 * HEIGHT}
-            gesture = {**at, "xDistance": x, "yDistance": y, "gestureSourceType": "touch", "speed": 400}
-            browser.execute_cdp_cmd("Input.synthesizeScrollGesture", gesture)
+            start = np.array([left + WIDTH, up + 3 * HEIGHT])
+            touch("touchStart", start.tolist())
+            for k in range(1, 11):
+                touch("touchMove", (start + 0.1 * k * np.array([x, y])).tolist())
+            touch("touchEnd")
             stage.wait()
             light = np.hypot(stage.value("azimuth") - place[0], stage.value("elevation") - place[1])
-            return browser.execute_script("return window.scrollY") - before, light
+            return browser.execute_script("return window.scrollY"), light
 
         scrolled, turned = swiped(0, -150)
         assert scrolled > 100

@@ -14,7 +14,7 @@
   }
   const { camera, views } = scene, { dot } = vectors, photographs = new Map();
   const light = {}, { first } = scene;
-  let picture = null, photograph = null;
+  let picture = null, photograph = null, before = null;
 
   // The light
 
@@ -102,7 +102,11 @@
   const dome = mapDome(section.querySelector(".dome"), views.map((view) => ({ ...view, place: inCamera(view.toward) })), relight);
   const seen = mapView(frame, canvas, size, {
     changed: () => update(),
-    dragged: ([x, y]) => dome.move([dome.at[0] + 2 * x, dome.at[1] - 2 * y]),
+    light: {
+      begin: () => { before = { at: dome.at, view: control("view").value }; },
+      move: ([x, y]) => dome.move([before.at[0] + 2 * x, before.at[1] - 2 * y]),
+      cancel: () => (before.view === "" ? dome.move(before.at) : relight(null, Number(before.view))),
+    },
     line: {
       shown: () => Boolean(photograph) && control("compare").checked,
       at: () => control("wipe").valueAsNumber / 100,

@@ -1,10 +1,10 @@
 "use strict";
 // What of the maps is seen: zooming and moving by wheel, pointer, pinch, keys and buttons; and dragging the light.
-const mapView = (frame, canvas, size, { changed, dragged, line }) => {
+const mapView = (frame, canvas, size, { changed, light, line }) => {
   const MOST = 32;  // pixels of the canvas that a texel may be wide
   const density = () => window.devicePixelRatio || 1;
   const pointers = new Map();
-  let corner = [0, 0], stride = 1, whole = true, dragging = null, seen = pixels();
+  let corner = [0, 0], stride = 1, whole = true, dragging = null, from = null, seen = pixels();
 
   function pixels() {
     return [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(Math.round(side * density()), 1));
@@ -59,20 +59,26 @@ const mapView = (frame, canvas, size, { changed, dragged, line }) => {
     const [x] = place(event), moves = event.button > 0 || event.shiftKey;
     const onLine = line.shown() && Math.abs(x - line.at() * pixels()[0]) < 12 * density();
     dragging = pointers.size > 1 || moves ? "picture" : onLine ? "line" : "light";
+    if (dragging !== "light") return;
+    from = place(event);
+    light.begin();
   });
   canvas.addEventListener("pointermove", (event) => {
     if (!pointers.has(event.pointerId)) return;
     const before = middle(), apart = pointers.size > 1 ? spread() : 0;
     pointers.set(event.pointerId, place(event));
     const after = middle(), by = after.map((x, i) => x - before[i]);
-    if (dragging === "light") dragged(by.map((x) => x / Math.min(...pixels())));
+    if (dragging === "light") light.move(after.map((x, i) => (x - from[i]) / Math.min(...pixels())));
     else if (dragging === "line") line.move(after[0] / pixels()[0]);
     else {
       move(by);
       if (apart) zoom(spread() / apart, after);
     }
   });
-  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+  canvas.addEventListener("pointerup", (event) => pointers.delete(event.pointerId));
+  canvas.addEventListener("pointercancel", (event) => {  // the page scrolls
+    if (pointers.delete(event.pointerId) && dragging === "light") light.cancel();
+  });
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {
     if (document.activeElement !== canvas && !event.ctrlKey && !document.fullscreenElement) return;  // the page scrolls
