@@ -191,8 +191,12 @@ def apply_lights(
         raise ValueError(f"{folder} has photographs of sizes {sorted(shapes)}. Give photographs of one size.")
     notes = [*listed.notes, *_on_names(listed.names, balls)]
     if given is None:
-        given = find_mask(replace(read, srgb=False).images())
-        notes.append("the mask was found before a darker background; look at mask.png, or give one with --mask.")
+        found = find_mask(replace(read, srgb=False).images())
+        given = found.mask
+        notes += [
+            "the mask was found in the photographs; look at mask.png, or give one with --apply-mask.",
+            *found.notes,
+        ]
     if given.shape not in shapes:
         raise ValueError(f"the mask must have the photographs' shape {shapes.pop()}; got {given.shape}. Resize it.")
     if not given.any():
