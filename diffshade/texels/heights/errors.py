@@ -40,7 +40,7 @@ def standard_errors(
     lever = np.concatenate([across.lever[grid.across], down.lever[grid.down]])
     total = np.zeros(grid.size)
     for draw in range(DRAWS):
-        report_progress("errors", draw / DRAWS)
+        report_progress("errors", draw / (DRAWS + len(shared)))
         noise = normals.noise(grid, random)
         mean = share * noise[grid.start] + (1.0 - share) * noise[grid.end]
         change = np.einsum("ei,ei->e", lever, mean) + crease * random.standard_normal(crease.size)
@@ -50,7 +50,10 @@ def standard_errors(
     smooth = scipy.ndimage.gaussian_filter(grid.image(logarithm), SMOOTHING)[grid.inside] / weight
     student = scipy.stats.t.ppf(0.975, DRAWS) / scipy.stats.norm.ppf(0.975)
     own = student**2 * np.exp(smooth + 1.0 / DRAWS)  # the mean logarithm of chi^2 is 1 / 24 low
-    return np.sqrt(own + sum(less_mean(system.solve(mode), part) ** 2 for mode in shared))
+    for i, mode in enumerate(shared):
+        report_progress("errors", (DRAWS + i) / (DRAWS + len(shared)))
+        own += less_mean(system.solve(mode), part) ** 2
+    return np.sqrt(own)
 
 
 def shared_modes(

@@ -84,6 +84,23 @@ def integrate_normals(
         return _integrated(given, camera, report_progress)
 
 
+def heights_within(
+    normals: Float[np.ndarray, "h w 3"],
+    camera: AbstractCamera,
+    mask: Bool[np.ndarray, "h w"],
+    errors: Float[np.ndarray, "h w 1"],
+    report_progress: ReportProgress,
+) -> HeightMap:
+    """Do as `integrate_normals` within work that shows progress of its own."""
+
+    def report_heights(words: str, share: float | None = None) -> None:
+        report_progress(f"heights, {words}", share)
+
+    given = checked(normals, camera, mask, errors, None)
+    with ONE_BLAS_THREAD:
+        return _integrated(given, camera, report_heights)
+
+
 def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportProgress) -> HeightMap:
     """Integrate normals that have been checked."""
     inside = given.inside & _reached(given.inside, given.known)

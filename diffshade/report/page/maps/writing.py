@@ -12,7 +12,7 @@ import numpy as np
 from ....core.progress import ReportProgress
 from ....diagnosis.prediction_bands import PredictionBands
 from ....inverse.data.views import View
-from ....texels.heights.integration import integrate_normals
+from ....texels.heights.integration import heights_within
 from ....texels.heights.map import HeightMap
 from ....texels.maps import TexelMaps
 from ....texels.predictions import relative_error
@@ -85,7 +85,7 @@ def write_maps_page(
     if heights is None and "normal" in maps.values:
         report_progress("heights")
         inside, errors = maps.status != OUTSIDE, maps.errors["normal"]
-        heights = integrate_normals(maps.values["normal"], maps.camera, mask=inside, errors=errors)
+        heights = heights_within(maps.values["normal"], maps.camera, inside, errors, report_progress)
     report_progress("numbers")
     numbers = numbers_of(maps, heights)
     layers, planes = layers_of(numbers)
