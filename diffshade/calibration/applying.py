@@ -147,8 +147,8 @@ def apply_lights(
         balls: The calibration of each ball. Its photographs are those of the object, in the same order: the first is
             under the same light as the object's first.
         photographs: The object's folder. A list of lights in it is not used.
-        mask: A file or an array, True on the object. By default the folder's, else it is found before a darker
-            background.
+        mask: A file or an array, True on the object. By default the folder's, else it is found in the photographs, in
+            four ways that must agree.
         srgb: Whether to decode files from the sRGB curve. By default as the files state, else as they show: three
             numbers a texel explain linear photographs of a matte object; where that is not clear, by their type, as in
             `read_image`, and a note asks which they are.
@@ -191,8 +191,12 @@ def apply_lights(
         raise ValueError(f"{folder} has photographs of sizes {sorted(shapes)}. Give photographs of one size.")
     notes = [*listed.notes, *_on_names(listed.names, balls)]
     if given is None:
-        given = find_mask(replace(read, srgb=False).images())
-        notes.append("the mask was found before a darker background; look at mask.png, or give one with --mask.")
+        found = find_mask(replace(read, srgb=False).images())
+        given = found.mask
+        notes += [
+            "the mask was found in the photographs; look at mask.png, or give one with --apply-mask.",
+            *found.notes,
+        ]
     if given.shape not in shapes:
         raise ValueError(f"the mask must have the photographs' shape {shapes.pop()}; got {given.shape}. Resize it.")
     if not given.any():

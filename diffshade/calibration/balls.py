@@ -14,6 +14,7 @@ from scipy import ndimage
 from ..core.backend import in_float64, jit_quickly
 from ..core.masks import Mask
 from ..core.robust_scale import UNIFORM, jackknife_error
+from ..core.thresholds import SMALL
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, Projection
 from ..model.surfaces import Sphere
 
@@ -216,7 +217,8 @@ def find_ball(
     "Camera calibration from spheres images", ECCV, LNCS 800).
 
     Circle and cone are found by linear least squares without outliers. Errors are found by leaving out one of 12
-    sectors of the outline at a time, contain how far photographs differ, and are at least .29 pixels.
+    sectors of the outline at a time, and contain how far photographs differ. Those of a mask are at least .29 pixels;
+    those of an edge contain as much of the radius, and .1 pixels of the middle.
 
     Args:
         mask: True on the ball.
@@ -260,7 +262,10 @@ def find_ball(
         depth = float(np.asarray(camera.target) @ frame[2])
         sphere = Sphere(np.array([*center[:2], depth]) @ frame, width)
         pixel = step
-    errors = np.maximum(np.hypot(errors, apart * pixel), UNIFORM * pixel)
+    if edge is None:  # rounded to pixels
+        errors = np.maximum(errors, UNIFORM * pixel)
+    else:  # of grey values: what lies behind the ball moves the radius, and little the middle
+        errors = np.sqrt(errors**2 + (np.square(apart) + np.square([SMALL, SMALL, UNIFORM])) * pixel**2)
     ball = Ball(camera, projection, sphere, mask, errors, pixel)
     return dataclasses.replace(ball, mask=_disc(ball) if whole else mask & _disc(ball))
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from ..core.robust_scale import robust_scale
 from ..core.thresholds import CLEARLY, FEW, MINOR, MOST, SMALL
 from .edges import (
     PROPOSING,
@@ -46,7 +47,7 @@ class Outline(NamedTuple):
     points: Points
     """Points of its edge: rows and columns, pixel centres at +.5."""
     errors: Float[np.ndarray, "3"]
-    """How far photographs, and sizes of the pictures, differ in the circle: root mean square, pixels."""
+    """How far the circle may be off, by how photographs and sizes of the pictures differ: pixels."""
 
 
 class _Proposal(NamedTuple):
@@ -147,6 +148,18 @@ def _in_whole(best: _Proposal, scale: float) -> Outline:
         sizes.append((by, refine(brightened(small), (best.circle / scale - corner) * by, REACHES[2:])))
     circles = [edge.circle / by + corner for by, edge in sizes if edge is not None]
     by, edge = next((by, edge) for by, edge in sizes if edge is not None)
-    apart = np.concatenate([best.parts / scale, circles]) - circles[0]
     points = edge.points[0] / by + top, edge.points[1] / by + left
-    return Outline(circles[0], points, np.sqrt(np.mean(apart**2, 0)))
+    return Outline(circles[0], points, _apart(np.array(circles), best.parts / scale))
+
+
+def _apart(sizes: Float[np.ndarray, "sizes 3"], parts: Float[np.ndarray, "parts 3"]) -> Float[np.ndarray, "3"]:
+    """Return how far the first circle may be off: by other sizes, and by the middle of the parts, with its error.
+
+    A part is a photograph or two, which show less than all together: that one of them is off says little.
+    """
+    square = np.mean((sizes - sizes[0]) ** 2, 0)
+    if len(parts):
+        middle = np.median(parts, 0)
+        spread = np.array([robust_scale(of) for of in (parts - middle).T])
+        square = square + (middle - sizes[0]) ** 2 + spread**2 / len(parts)
+    return np.sqrt(square)

@@ -25,7 +25,8 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: 
 
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
     glTF 2.0, .toml a diffshade scene. All materials of FROM are written, or the one of --name. From a folder of maps: a
-    mesh as .glb, .gltf, .json (three.js), .obj, .ply, or (no suffix) a folder for the viewers Relight and OpenLIME.
+    mesh as .glb, .gltf, .json (three.js), .obj, .ply; what viewers show under any light as .ptm (RTIViewer) or, without
+    a suffix, a folder (Relight, OpenLIME).
 
     They look the same there: if that program shades differently, a material is refitted, and the remaining error is
     printed and written to the file.
@@ -55,7 +56,7 @@ def _of_materials(given: Path, wanted: tuple[Path, ...], name: str | None) -> tu
 
 
 def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) -> list[Any]:
-    """Write the maps of a folder as meshes, or as RTI folders where there is no suffix."""
+    """Write the maps of a folder as meshes, as `.ptm`, or as RTI folders where there is no suffix."""
     import diffshade as ds
 
     from ..core.progress import showing
@@ -64,18 +65,20 @@ def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) ->
 
     for path in wanted:
         if path.suffix:
-            check_suffix(path)
+            if path.suffix.lower() != ".ptm":
+                check_suffix(path)
             writable(path)
         elif path.exists():
             raise FileExistsError(f"{path} exists already. Give the name of a new folder.")
     maps, written = ds.read_maps(folder), []
-    heights = integrated(maps) if any(path.suffix for path in wanted) else None
+    meshes = [path for path in wanted if path.suffix.lower() not in ("", ".ptm")]
+    heights = integrated(maps) if meshes else None
     with showing("convert") as report_progress:
         report_progress("finding the mesh")
         mesh = None if heights is None else ds.height_mesh(heights, tolerance=tolerance)
         for path in wanted:
             report_progress(f"writing {path.name}")
-            if mesh is None or not path.suffix:
+            if mesh is None or path not in meshes:
                 written.append(ds.write_rti(path, maps))
             else:
                 written.append(ds.write_mesh(path, mesh, maps=maps))

@@ -232,15 +232,16 @@ def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photo
 @click.option("-o", "--out", type=FILE, help="The mask  [default: mask.png in FOLDER]")
 @with_json
 def mask(photos: Path, out: Path | None) -> None:
-    """Find the mask of an object before a darker background.
+    """Find the mask of an object, in several ways that must agree.
 
-    FOLDER: photographs under one light each.
+    FOLDER: photographs under one light each. Beside the mask, mask-shown.png has its outline and that of each way.
     """
     import diffshade as ds
 
-    from ..inverse.data.folders import list_folder
+    from ..inverse.data.folders import SHOWN, list_folder
     from ..inverse.data.masks import find_mask
     from ..inverse.data.photograph_files import photograph_files
+    from ..report.mask_picture import draw_mask
 
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
@@ -251,8 +252,14 @@ def mask(photos: Path, out: Path | None) -> None:
     for note in photographs.notes:
         _LOGGER.warning("%s: %s", photos, note)
     found = find_mask(photographs.images())
-    ds.write_image(out, found[..., None] * 1.0, srgb=False)
+    for note in found.notes:
+        _LOGGER.warning("%s: %s", photos, note)
+    ds.write_image(out, found.mask[..., None] * 1.0, srgb=False)
+    picture = out.with_name(f"mask{SHOWN}.png")
+    draw_mask(picture, found)
+    shares = {name: float(way.mean()) for name, way in found.ways.items()}
+    more = {"share": float(found.mask.mean()), "ways": shares, "agreeing": found.agreeing, "notes": found.notes}
     answer(
-        [f"{out}: the object has {found.mean():.0%} of the picture; look at it"],
-        {"mask": out, "share": float(found.mean())},
+        [f"{out}: {found}", f"{picture}: look at the outline"],
+        {"mask": out, "picture": picture, "agreement": found.agreement, **more},
     )

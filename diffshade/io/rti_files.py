@@ -21,6 +21,7 @@ from jaxtyping import Float
 
 from ..core.arrays import float64_of
 from ..core.fields import Numbers
+from ..core.thresholds import NEGLIGIBLE
 
 MOST_SAMPLES = np.iinfo(np.int32).max  # bytes of coefficients, beyond any file that a person has
 PTM_TERMS = 6
@@ -183,6 +184,34 @@ def _ptm(data: bytes, path: Path) -> RelightableImage:
             rgb = pixels[6 * count : 9 * count].reshape(rows, columns, 3)
         found = (rgb / 255.0)[..., None] * (scale * (stored - bias) / 255.0)[..., None, :]
     return RelightableImage("ptm", np.ascontiguousarray(found[::-1], np.float32))
+
+
+def ptm_file(
+    coefficients: Float[np.ndarray, "h w c terms"], low: Float[np.ndarray, " terms"], high: Float[np.ndarray, " terms"]
+) -> bytes:
+    """Return a PTM of version 1.2 with a polynomial for each channel, whose pictures are from 0 to 1.
+
+    Biases are whole numbers from 0 to 255, as readers take them, so 0 is always held exactly.
+
+    Args:
+        coefficients: In the order of `terms`.
+        low: The least that each term holds; what is below is clipped.
+        high: The largest.
+    """
+    low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+    scale = np.maximum(high - low, NEGLIGIBLE)  # readers may take six digits
+    bias = np.rint(-255.0 * low / scale)
+    stored = np.rint(np.clip(255.0 * coefficients / scale + bias, 0.0, 255.0)).astype(np.uint8)
+    rows, columns = stored.shape[:2]
+    lines = (
+        "PTM_1.2",
+        "PTM_FORMAT_RGB",
+        f"{columns}",
+        f"{rows}",
+        " ".join(f"{x:.6f}" for x in scale),
+        " ".join(f"{x:.0f}" for x in bias),
+    )
+    return "".join(f"{line}\n" for line in lines).encode() + np.moveaxis(stored[::-1], 2, 0).tobytes()
 
 
 def _hsh(data: bytes, path: Path) -> RelightableImage:

@@ -26,7 +26,11 @@ plain = inspect.unwrap(ds.integrate_normals)  # past a type checker, which refus
 
 def integrated(relief: Relief, degrees: float = 1.0, seed: int = 0, **options) -> ds.HeightMap:
     """The heights of a relief's normals with an error that is known."""
-    given = {"mask": relief.mask, "errors": np.full(relief.mask.shape, max(degrees, 1e-3))} | options
+    given = {
+        "mask": relief.mask,
+        "errors": np.full(relief.mask.shape, max(degrees, 1e-3)),
+        "shared_error": 0.0,
+    } | options
     return ds.integrate_normals(relief.noisy(degrees, seed), relief.camera, **given)
 
 
@@ -153,10 +157,10 @@ def test_bad_normals_with_large_errors_do_not_spoil_the_rest(ball, found):
     bad[18:26, 12:20] = True
     rng = np.random.default_rng(5)
     poor = np.where(bad[..., None], ball.noisy(25.0, seed=3), ball.noisy(1.0))
-    weighed = ds.integrate_normals(poor, ball.camera, mask=ball.mask, errors=np.where(bad, 25.0, 1.0))
+    weighed = ds.integrate_normals(poor, ball.camera, mask=ball.mask, errors=np.where(bad, 25.0, 1.0), shared_error=0)
     junk = np.where(rng.random((SIZE, SIZE, 1)) < 0.5, np.nan, rng.standard_normal((SIZE, SIZE, 3)))
     junk = np.where(bad[..., None], junk, ball.noisy(1.0))
-    bridged = ds.integrate_normals(junk, ball.camera, mask=ball.mask, errors=np.where(bad, np.inf, 1.0))
+    bridged = ds.integrate_normals(junk, ball.camera, mask=ball.mask, errors=np.where(bad, np.inf, 1.0), shared_error=0)
     for heights in (weighed, bridged):
         far = heights.mask & found.mask & ~bad
         assert (heights.height - found.height)[far].std() < 0.5 * np.median(found.errors[far])

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from balls import FAR, SHAPE, lit_by, photographs
+from balls import FAR, lit_by, photographs
 
 import diffshade as ds
 from diffshade.calibration.object_lights import between
-from diffshade.inverse.data.masks import find_mask
 from diffshade.inverse.data.photographs import read_folder
 from tests.support.textured import lights_about, textured_ball
 
@@ -121,15 +120,6 @@ def test_an_object_that_does_not_fit_is_refused(folders, balls, tmp_path, change
     change(tmp_path / "object")
     with pytest.raises(ValueError, match=said):
         ds.apply_lights(balls[0], tmp_path / "object")
-
-
-def test_a_mask_is_found_before_a_darker_background_alone():
-    row, column = np.indices(SHAPE)
-    inside = (row - 60) ** 2 + (column - 60) ** 2 < 900
-    found = find_mask([np.where(inside, 0.4, 0.01), np.where(inside & (row < 60), 0.1, 0.01)])
-    np.testing.assert_array_equal(found, inside)
-    with pytest.raises(ValueError, match="no object was found before a darker background"):
-        find_mask([np.zeros(SHAPE)])
 
 
 def test_photographs_that_do_not_show_their_curve_ask_for_it(folders, balls, tmp_path):

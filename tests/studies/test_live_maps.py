@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import time
 
 import made_maps
 import numpy as np
@@ -230,7 +231,8 @@ def test_a_vertical_swipe_scrolls_and_a_drag_across_lights(bumpy, browser, tmp_p
             browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
         def swiped(x, y):  # from within the picture; returns by how much the page and the light moved
-            stage.browser.execute_script("scrollTo(0, 0)")
+            time.sleep(1.0)  # until the page has come to rest
+            browser.execute_script("scrollTo(0, 0)")
             place = stage.value("azimuth"), stage.value("elevation")
             left, up = browser.execute_script(top)
             start = np.array([left + WIDTH, up + 3 * HEIGHT])

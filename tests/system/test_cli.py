@@ -449,6 +449,7 @@ def test_texels(typed):
     pytest.importorskip("trimesh")
     assert "triangles" in typed("convert", "maps", "relief.ply").out
     assert "HSH of 9 terms" in typed("convert", "maps", "viewer").out
+    assert "relief.ptm: PTM of 6 terms" in typed("convert", "maps", "relief.ptm").out
     assert Path("viewer/info.json").is_file()
     assert "viewer exists already" in typed("convert", "maps", "viewer").refusal
     assert "'.stl' is not the suffix of a mesh" in typed("convert", "maps", "relief.stl").refusal

@@ -160,6 +160,40 @@ def test_a_light_at_the_rim_of_the_viewers_disc_shows_a_picture(folder, basis):
     assert 0.02 < seen.mean() < 0.9
 
 
+def shown_by_rtiviewer(path, light):
+    """The picture of a PTM by the format's document and RTIViewer's reading: six lines, then colour after colour."""
+    *head, body = path.read_bytes().split(b"\n", 6)
+    assert head[:2] == [b"PTM_1.2", b"PTM_FORMAT_RGB"]
+    columns, rows = int(head[2]), int(head[3])
+    scale, bias = np.array(head[4].split(), float), np.array([int(b) for b in head[5].split()])
+    assert (len(scale), len(bias)) == (6, 6)
+    assert ((bias >= 0) & (bias <= 255)).all()
+    of = np.frombuffer(body, np.uint8).reshape(3, rows, columns, 6)[:, ::-1]
+    u, v = light
+    return np.clip(((of - bias) * scale) @ [u * u, v * v, u * v, u, v, 1.0] / 255.0, 0, 1).transpose(1, 2, 0)
+
+
+def test_a_ptm_of_maps_comes_back(folder, tmp_path):
+    """By RTIViewer's formula and by this library's reader: the right way up, in their colours, as well as is stated."""
+    maps, written = folder
+    exported = ds.write_rti(tmp_path / "bumpy.ptm", maps)
+    assert exported.paths == (tmp_path / "bumpy.ptm",)
+    image, inside, off = ds.read_rti(exported.paths[0]), maps.status > 0, []
+    for light in ((0.3, 0.2), (-0.5, 0.1), (0.2, -0.6)):
+        l = np.array((*light, np.sqrt(1 - np.hypot(*light) ** 2)))
+        seen = shown_by_rtiviewer(exported.paths[0], light)
+        np.testing.assert_allclose(seen, np.clip(image.shade(l), 0, 1), atol=1e-5)
+        drawn = np.asarray(ds.srgb_encode(np.clip(maps.shade(ds.DirectionalLight(-l)), 0, 1)))
+        off.append(np.sqrt(np.mean((seen - drawn)[inside] ** 2)))
+        for turned in (drawn[::-1], drawn[:, ::-1], drawn[..., ::-1]):
+            assert np.sqrt(np.mean((seen - turned)[inside & inside[::-1] & inside[:, ::-1]] ** 2)) > 1.2 * off[-1]
+    assert np.mean(off) < 1.2 * exported.rms + 0.005
+    assert exported.rms < 1.05 * written["ptm"].rms  # bytes are no worse than JPEG
+    assert f"{tmp_path / 'bumpy.ptm'}: under 7 other lights" in str(exported)
+    with pytest.raises(ValueError, match=r"bumpy.ptm is a PTM, whose basis is ptm; got 'hsh'. Leave basis out"):
+        ds.write_rti(tmp_path / "bumpy.ptm", maps, basis="hsh")
+
+
 @pytest.mark.thorough
 def test_a_fit_starts_from_a_relightable_image(tmp_path, caplog):
     """Pictures of a matte ball, which a polynomial nearly holds: the normals come back to a few degrees."""

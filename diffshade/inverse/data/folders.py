@@ -26,6 +26,7 @@ from .light_lists import LightList, read_lp
 
 SUFFIXES = tuple(FORMATS)
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
+SHOWN = "-shown"  # ends the names of pictures of what was found
 OTHERS = ("mask", "normal")  # in the names of images that are no photographs
 ALIKE = 0.75  # share of the images named alike, digits apart, from which others are left out
 
@@ -76,7 +77,7 @@ def list_folder(folder: Path) -> Listing:
         (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")),
         key=lambda file: natural_order(file.name),
     )
-    masks = tuple(file for file in images if "mask" in file.stem.lower())
+    masks = tuple(file for file in images if "mask" in file.stem.lower() and not file.stem.endswith(SHOWN))
     lists = sorted(file for file in folder.iterdir() if file.suffix.lower() == ".lp")
     photographs = [file.name for file in images if not any(word in file.stem.lower() for word in OTHERS)]
     if (folder / "filenames.txt").is_file():

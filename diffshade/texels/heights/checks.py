@@ -30,9 +30,13 @@ class Given(NamedTuple):
     away: int
     """Number of normals that face away from the camera, and count as not known."""
     rays: TexelRays
+    shared: float
+    """Standard deviation of what all normals have in common, radians."""
+    assumed: bool
+    """Whether that was not given."""
 
 
-def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
+def checked(normals: Any, camera: Any, mask: Any, errors: Any, shared_error: Any) -> Given:
     """Raise ValueError or TypeError for arguments of `integrate_normals` that are wrong; return them as arrays."""
     check_kind("camera", camera, AbstractCamera, "OrthographicCamera((0, 0, 4))")
     refuse_traced("an integration of normals", "Integrate outside.", normals=normals, camera=camera, errors=errors)
@@ -75,7 +79,19 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
     normals = np.where(away[..., None], toward, normals)
     # the error of a normal is that of both axes
     sigma = None if degrees is None else np.deg2rad(np.where(inside, degrees, 0.0)) / np.sqrt(2.0)
-    return Given(normals, sigma, inside, known & ~away, int(away.sum()), rays)
+    shared = DEGREE if shared_error is None else _checked_shared(shared_error)
+    return Given(normals, sigma, inside, known & ~away, int(away.sum()), rays, shared, shared_error is None)
+
+
+def _checked_shared(shared_error: Any) -> float:
+    """Return what all normals have in common, radians."""
+    degrees = float64_of("shared_error", shared_error)
+    if degrees.shape or not 0.0 <= degrees <= MAX_ERROR:
+        raise ValueError(
+            f"shared_error must be one number of degrees from 0 to {MAX_ERROR:g}; got {shared_error!r}. Give how well "
+            "the directions of the lights are known, for example 1."
+        )
+    return float(np.deg2rad(degrees))
 
 
 def _checked_errors(errors: Any, shape: tuple[int, int], inside: np.ndarray) -> Float[np.ndarray, "h w"]:

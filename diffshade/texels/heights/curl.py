@@ -8,7 +8,8 @@ levels show more.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -28,6 +29,8 @@ class PyramidLevel(NamedTuple):
     """Infinite where there is no difference."""
     depth: int = 0
     """Number of the level; the texels of the next one are twice as large."""
+    shared: Float[np.ndarray, "e u"] | float = 0.0
+    """Variance of the curl by what all normals have in common."""
 
     @classmethod
     def of(
@@ -54,10 +57,14 @@ class PyramidLevel(NamedTuple):
 
     def curl(self) -> Float[np.ndarray, "g v"]:
         """Return the curl around each four texels in its standard deviations; 0 where a difference is missing."""
-        (across, down), (v_across, v_down) = self.values, self.variances
-        total = across[:-1] + down[:, 1:] - across[1:] - down[:, :-1]
-        variance = v_across[:-1] + v_down[:, 1:] + v_across[1:] + v_down[:, :-1]
-        return np.where(np.isfinite(variance), total / np.sqrt(variance), 0.0)
+        v_across, v_down = self.variances
+        variance = v_across[:-1] + v_down[:, 1:] + v_across[1:] + v_down[:, :-1] + self.shared
+        return np.where(np.isfinite(variance), self.total() / np.sqrt(variance), 0.0)
+
+    def total(self) -> Float[np.ndarray, "e u"]:
+        """Return what the differences add up to around each four texels."""
+        across, down = self.values
+        return across[:-1] + down[:, 1:] - across[1:] - down[:, :-1]
 
     def coarser(self) -> PyramidLevel:
         """Return the level of texels of twice the size; those that are not wholly inside are left out."""
@@ -94,6 +101,17 @@ def levels(finest: PyramidLevel, smallest: int = 6) -> list[PyramidLevel]:
     while min(found[-1].inside.shape) >= 2 * smallest:
         found.append(found[-1].coarser())
     return found
+
+
+def with_shared(
+    found: list[PyramidLevel], modes: Iterable[tuple[Float[np.ndarray, "h v"], Float[np.ndarray, "g w"]]]
+) -> list[PyramidLevel]:
+    """Return levels whose curl may also be that of modes: differences, across and down, of one deviation each."""
+    shared: list[Any] = [0.0] * len(found)
+    for mode in modes:
+        for k, level in enumerate(levels(found[0]._replace(values=mode))):
+            shared[k] = shared[k] + level.total() ** 2
+    return [level._replace(shared=of) for level, of in zip(found, shared, strict=True)]
 
 
 def noise_scale(inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences) -> float:

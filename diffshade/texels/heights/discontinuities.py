@@ -35,14 +35,19 @@ MAX_FOLLOWED = 8  # pairs, each time
 MIN_PAIRS = 4  # pairs that touch
 
 
+def contradict(levels: Sequence[PyramidLevel]) -> bool:
+    """Return whether a curl is significant at any resolution: whether a search for jumps is worth while."""
+    return any(np.abs(level.curl()).max(initial=0.0) >= MIN_CURL for level in levels)
+
+
 def discontinuities(
     grid: HeightGrid,
     levels: Sequence[PyramidLevel],
     differences: Float[np.ndarray, " edges"],
     variances: Float[np.ndarray, " edges"],
     report_progress: ReportProgress,
-) -> tuple[Bool[np.ndarray, " edges"], Float[np.ndarray, " texels"] | None]:
-    """Return which pairs are cut, and the heights that go with them; no heights where no curl is significant.
+) -> tuple[Bool[np.ndarray, " edges"], Float[np.ndarray, " texels"]]:
+    """Return which pairs are cut, and the heights that go with them.
 
     Args:
         grid: The texels.
@@ -52,9 +57,6 @@ def discontinuities(
         report_progress: Told how far the search is.
     """
     testable = np.isfinite(grid.edges(*levels[0].variances))
-    cut = np.zeros(testable.shape, bool)
-    if all(np.abs(level.curl()).max(initial=0.0) < MIN_CURL for level in levels):
-        return cut, None
     base = 1.0 / variances
     weights, u = grid.edges(*seeds(levels[:SEED_LEVELS])), None
     square = np.zeros(testable.shape)
@@ -63,6 +65,7 @@ def discontinuities(
         u = HeightSystem(grid, base * weights).solve(differences, u, most=SOLVES)
         square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
         weights = 1.0 / (1.0 + square)
+    assert u is not None
     cut = square > OUTLIER**2
     for _ in range(3):
         cut = _in_lines(grid, cut)  # a single pair must show again that it is a jump, now that it is not left out

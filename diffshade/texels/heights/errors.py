@@ -1,4 +1,9 @@
-"""Errors of heights: draws of the normals' noise, sent through the linear system that gave the heights."""
+"""Errors of heights: draws of the normals' noise, and what all normals share, sent through the linear system.
+
+What normals share is a linear map of all of them, n' = n + M n. That is what wrong directions of lights do to a matte
+surface that all of them reach: with k_d n = L^+ I (Woodham 1980) an error E of the rows of L makes M = -L^+ E. The nine
+entries of M have one standard deviation, which turns all normals by as much about any axis.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ from jaxtyping import Float, Int
 
 from ...core.progress import ReportProgress
 from .differences import Differences
-from .system import HeightSystem
+from .system import HeightGrid, HeightSystem
 from .unknown import FilledNormals
 
 DRAWS = 24
@@ -22,19 +27,20 @@ def standard_errors(
     down: Differences,
     normals: FilledNormals,
     part: Int[np.ndarray, " texels"],
+    shared: Float[np.ndarray, "modes edges"],
     report_progress: ReportProgress,
 ) -> Float[np.ndarray, " texels"]:
     """Return standard errors of u less its mean over each part.
 
     The variance of 24 draws is averaged over neighbouring texels, as a geometric mean, and widened by Student's t of 24
-    degrees of freedom, so that 1.96 errors hold 95 %.
+    degrees of freedom, so that 1.96 errors hold 95 %. That of what normals share is exact, as heights are linear in it.
     """
     grid, random = system.grid, np.random.default_rng(0)
     share, crease = grid.edges(across.share, down.share)[:, None], grid.edges(across.crease, down.crease)
     lever = np.concatenate([across.lever[grid.across], down.lever[grid.down]])
     total = np.zeros(grid.size)
     for draw in range(DRAWS):
-        report_progress("errors", draw / DRAWS)
+        report_progress("errors", draw / (DRAWS + len(shared)))
         noise = normals.noise(grid, random)
         mean = share * noise[grid.start] + (1.0 - share) * noise[grid.end]
         change = np.einsum("ei,ei->e", lever, mean) + crease * random.standard_normal(crease.size)
@@ -43,7 +49,29 @@ def standard_errors(
     weight = scipy.ndimage.gaussian_filter(grid.inside.astype(float), SMOOTHING)[grid.inside]
     smooth = scipy.ndimage.gaussian_filter(grid.image(logarithm), SMOOTHING)[grid.inside] / weight
     student = scipy.stats.t.ppf(0.975, DRAWS) / scipy.stats.norm.ppf(0.975)
-    return student * np.exp(0.5 * (smooth + 1.0 / DRAWS))  # the mean logarithm of chi^2 is 1 / 24 low
+    own = student**2 * np.exp(smooth + 1.0 / DRAWS)  # the mean logarithm of chi^2 is 1 / 24 low
+    for i, mode in enumerate(shared):
+        report_progress("errors", (DRAWS + i) / (DRAWS + len(shared)))
+        own += less_mean(system.solve(mode), part) ** 2
+    return np.sqrt(own)
+
+
+def shared_modes(
+    grid: HeightGrid, across: Differences, down: Differences, normals: FilledNormals, sigma: float
+) -> Float[np.ndarray, "modes edges"]:
+    """Return how each entry of M, of the deviation `sigma` (radians), changes the differences; no modes for 0."""
+    if sigma == 0.0:
+        return np.zeros((0, grid.start.size))
+    share = grid.edges(across.share, down.share)[:, None]
+    lever = np.concatenate([across.lever[grid.across], down.lever[grid.down]])
+    n = normals.normal[grid.inside]
+    mean = share * n[grid.start] + (1.0 - share) * n[grid.end]
+    return sigma * np.einsum("ei,ej->ije", lever, mean).reshape(9, -1)
+
+
+def unintegrable(system: HeightSystem, modes: Float[np.ndarray, "modes edges"]) -> Float[np.ndarray, " edges"]:
+    """Return the variance of the residuals that modes leave: what no heights explain, and no jump need explain."""
+    return sum((np.square(system.grid.step(system.solve(m)) - m) for m in modes), np.zeros(system.grid.start.size))
 
 
 def less_mean(u: Float[np.ndarray, " texels"], part: Int[np.ndarray, " texels"]) -> Float[np.ndarray, " texels"]:

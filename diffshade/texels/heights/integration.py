@@ -14,10 +14,10 @@ from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
 from ...parallel.threads import ONE_BLAS_THREAD
 from .checks import MAX_ERROR, Given, checked
-from .curl import PyramidLevel, levels, noise_scale
+from .curl import PyramidLevel, levels, noise_scale, with_shared
 from .differences import differences
-from .discontinuities import MIN_CURL, discontinuities
-from .errors import less_mean, standard_errors
+from .discontinuities import MIN_CURL, contradict, discontinuities
+from .errors import less_mean, shared_modes, standard_errors, unintegrable
 from .map import HeightMap
 from .parts import cut_weak_joints, labels
 from .regions import connected
@@ -35,6 +35,7 @@ def integrate_normals(
     *,
     mask: Any = None,
     errors: Float[ArrayLike, "h w"] | None = None,
+    shared_error: float | None = None,
     progress: bool = False,
 ) -> HeightMap:
     r"""Integrate a map of normals to a height field, with standard errors.
@@ -64,6 +65,10 @@ def integrate_normals(
             angle. Above 0; infinite, or over 40, where a normal is not known: it is interpolated then. By default one
             number for all, estimated from the curl of the differences; given ones are enlarged by a factor where the
             curl shows them to be too small. The errors of different texels are taken to be independent.
+        shared_error: What all normals have in common beside that, about each axis, degrees, at least 0, such as
+            `light_error` of `fit_texels`: n' = n + M n, whose nine numbers have this standard deviation. By default 1,
+            as well as the directions of lights are mostly known. Where the curl is clearly smaller than `errors` say,
+            neighbours have the rest in common, and the larger of both counts. 0: all errors are independent.
         progress: Show a line of progress on the terminal.
 
     Returns:
@@ -74,35 +79,56 @@ def integrate_normals(
             fifth of the normals face away from the camera, or none is left; the message names the texel and the remedy.
         TypeError: An argument has the wrong type.
     """
-    given = checked(normals, camera, mask, errors)
+    given = checked(normals, camera, mask, errors, shared_error)
     with showing("heights", show=progress) as report_progress, ONE_BLAS_THREAD:
         return _integrated(given, camera, report_progress)
+
+
+def heights_within(
+    normals: Float[np.ndarray, "h w 3"],
+    camera: AbstractCamera,
+    mask: Bool[np.ndarray, "h w"],
+    errors: Float[np.ndarray, "h w 1"],
+    report_progress: ReportProgress,
+) -> HeightMap:
+    """Do as `integrate_normals` within work that shows progress of its own."""
+
+    def report_heights(words: str, share: float | None = None) -> None:
+        report_progress(f"heights, {words}", share)
+
+    given = checked(normals, camera, mask, errors, None)
+    with ONE_BLAS_THREAD:
+        return _integrated(given, camera, report_heights)
 
 
 def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportProgress) -> HeightMap:
     """Integrate normals that have been checked."""
     inside = given.inside & _reached(given.inside, given.known)
     report_progress("differences")
-    filled, scale = _with_errors(given, inside)
+    filled, scale, shared = _with_errors(given, inside)
     across, down = differences(filled.normal, filled.sigma, inside, given.rays, filled.region > 0)
-    level = PyramidLevel.of(inside, across, down, MIN_CURL)
     grid = HeightGrid.of(inside)
+    modes = shared_modes(grid, across, down, filled, shared)
+    pyramid = with_shared(levels(PyramidLevel.of(inside, across, down, MIN_CURL)), map(grid.images, modes))
     d, variance = grid.edges(across.value, down.value), grid.edges(across.deviation, down.deviation) ** 2
     broken = ~np.isfinite(variance)  # so steep that one of the two rays would see the back
     variance = np.where(broken, 1e300, variance)
-    cut, u = discontinuities(grid, levels(level), d, variance, report_progress)
-    jump = cut
-    if u is not None:
+    jump = cut = np.zeros(d.shape, bool)
+    u = None
+    if contradict(pyramid):
+        with_modes = variance + unintegrable(HeightSystem(grid, 1.0 / variance), modes)
+        jump, u = discontinuities(grid, pyramid, d, with_modes, report_progress)
         report_progress("parts")
-        cut = cut_weak_joints(grid, cut | broken, d, np.sqrt(variance), u)
+        cut = cut_weak_joints(grid, jump | broken, d, np.sqrt(with_modes), u)
     report_progress("heights")
     cut = cut | broken
     part = labels(grid, cut)
     system = HeightSystem(grid, np.where(cut, TINY, 1.0) / variance)
     u = less_mean(system.solve(d, u, tolerance=SLIGHT), part)
-    deviation = standard_errors(system, across, down, filled, part, report_progress)
+    deviation = standard_errors(system, across, down, filled, part, modes, report_progress)
     deviation = np.where(np.bincount(part)[part] < FEW, np.inf, deviation)
-    return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, _notes(given, grid, part, jump, scale))
+    notes = _notes(given, grid, part, jump, scale, shared)
+    return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, notes)
 
 
 def _reached(inside: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
@@ -113,20 +139,26 @@ def _reached(inside: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) ->
     return reached[region]
 
 
-def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledNormals, float]:
-    """Return normals and errors at every texel; and the factor of the errors, or their size if none was given."""
+def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledNormals, float, float]:
+    """Return normals and errors at every texel; the factor of the errors, or their size if none was given; and shared.
+
+    Where the curl is clearly smaller than the errors say, neighbours have most of them in common: the rest of the
+    errors is taken to be shared by all normals.
+    """
     known = given.known & inside
     sigma = np.full(inside.shape, FIRST_SIGMA) if given.sigma is None else np.where(known, given.sigma, 1.0)
-    factor = 1.0
+    factor, shared = 1.0, given.shared
     for _ in range(ROUNDS):  # what counts as steep depends on the errors
         change = _scale(given, factor * sigma, known)
         if factor == 1.0 and given.sigma is not None and change <= MAX_RATIO:
+            if shared > 0.0 and change < 1.0 / MAX_RATIO:
+                shared = max(shared, float(np.median(sigma[known])) * np.sqrt(1.0 - change**2))
             break
         factor = max(factor * change, SINGLE / FIRST_SIGMA)
         if abs(change - 1.0) < 0.01:
             break
     filled = fill(given.normal, factor * sigma, inside, known)
-    return filled, factor * FIRST_SIGMA if given.sigma is None else factor
+    return filled, factor * FIRST_SIGMA if given.sigma is None else factor, shared
 
 
 def _scale(given: Given, sigma: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> float:
@@ -134,9 +166,11 @@ def _scale(given: Given, sigma: Float[np.ndarray, "h w"], known: Bool[np.ndarray
     return noise_scale(known, *differences(given.normal, sigma, known, given.rays))
 
 
-def _notes(given: Given, grid: HeightGrid, part: np.ndarray, jump: np.ndarray, scale: float) -> tuple[Note, ...]:
+def _notes(
+    given: Given, grid: HeightGrid, part: np.ndarray, jump: np.ndarray, scale: float, shared: float
+) -> tuple[Note, ...]:
     """Return what is to be said about the heights."""
-    return (*_on_parts(given, part, jump), *_on_errors(given, scale), *_on_unknown_normals(given, grid))
+    return (*_on_parts(given, part, jump), *_on_errors(given, scale, shared), *_on_unknown_normals(given, grid))
 
 
 def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note]:
@@ -163,8 +197,15 @@ def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note
         )
 
 
-def _on_errors(given: Given, scale: float) -> Iterator[Note]:
+def _on_errors(given: Given, scale: float, shared: float) -> Iterator[Note]:
     """Say what the curl of the normals says of their errors."""
+    if given.assumed or shared > given.shared:
+        why = "as lights are mostly known" if shared == given.shared else "as their curl is smaller than their errors"
+        yield Note(
+            f"the errors contain {np.rad2deg(shared):.2g} degrees that all normals may have in common, {why}: "
+            "shared_error=0 leaves it out.",
+            "shared errors",
+        )
     if given.sigma is None:
         degrees = np.rad2deg(max(scale, SINGLE)) * np.sqrt(2.0)
         yield Note(

@@ -14,7 +14,7 @@ from ....core.progress import ReportProgress
 from ....diagnosis.prediction_bands import PredictionBands
 from ....inverse.data.views import View
 from ....inverse.result import Prediction
-from ....texels.heights.integration import integrate_normals
+from ....texels.heights.integration import heights_within
 from ....texels.heights.map import HeightMap
 from ....texels.maps import TexelMaps
 from ....texels.predictions import relative_error
@@ -109,7 +109,7 @@ def write_maps_page(
     if heights is None and "normal" in maps.values:
         report_progress("heights")
         inside, errors = maps.status != OUTSIDE, maps.errors["normal"]
-        heights = integrate_normals(maps.values["normal"], maps.camera, mask=inside, errors=errors)
+        heights = heights_within(maps.values["normal"], maps.camera, inside, errors, report_progress)
     report_progress("numbers")
     numbers, white = numbers_of(maps, heights), white_of(maps, photographs.every)
     lightings = _lightings(maps, photographs)
