@@ -83,18 +83,7 @@ def texels(
             response = _response(found.scene, [found.views[i] for i in seen])
             sensor = response.views[0].sensor
             found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
-        fit = TexelFit(
-            found,
-            typed,
-            free,
-            seen,
-            out,
-            shared,
-            neighbours=not alone,
-            match_exposures=not as_exposed,
-            align=not as_placed,
-            bands=bands,
-        )
+        fit = TexelFit(found, typed, free, seen, out, shared, not alone, not as_exposed, not as_placed, bands=bands)
         maps, made = fit.maps()
     maps = replace(maps, notes=tuple(with_names(note, names) for note in maps.notes))  # as its page names them, too
     maps.describe(out)

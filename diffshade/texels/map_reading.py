@@ -115,8 +115,8 @@ def _exposures(about: dict[str, Any]) -> Exposures:
 
 
 def _shifts(about: dict[str, Any]) -> Shifts:
-    numbers = (np.array(about[name], np.float64).reshape(-1, 2) for name in ("pixels", "error"))
-    return Shifts(*numbers, np.array(about["undone"], bool))
+    pixels, error = (np.array(about[name], np.float64).reshape(-1, 2) for name in ("pixels", "error"))
+    return Shifts(pixels, error, np.array(about["undone"], bool))
 
 
 def _sensor(about: dict[str, float]) -> Sensor:

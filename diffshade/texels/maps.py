@@ -258,7 +258,7 @@ class TexelMaps:
           is kept of a texel, and the weight of each number in its light.
         - `highlight_weights.npy`, where regions have different highlights.
         - `maps.toml`, written last: the format, the names of the maps, the levels of the status, the units, the notes,
-          how many errors hold the truth 95 % of the time, the exposures and shifts that were found, the powers of the highlight
+          how many errors hold the truth 95 % of the time, the exposures and shifts found, the powers of the highlight
           (`weight` is a number, or names the file that has one for each pixel), the width within which unexplained
           light is alike, and the scales of PNGs.
 
@@ -347,15 +347,14 @@ class TexelMaps:
             given = self.unexplained.interpolation
             about["unexplained"] = {"width": float(given.width)}
             written.append(write_numbers(folder / LIGHTS, np.hstack([given.toward, given.taken.T, given.given])))
-        if self.notes:
-            about["notes"] = [str(note) for note in self.notes]
-        if scales:
-            about["scale"] = dict(scales)
+        about |= {"notes": [str(note) for note in self.notes]} if self.notes else {}
+        about |= {"scale": dict(scales)} if scales else {}
         if self.sensor is not None:
             about["sensor"] = {".".join(map(str, keys)): float(value) for keys, value, _ in quantities(self.sensor)}
-        for name, found in (("exposures", self.exposures), ("shifts", self.shifts)):
-            if found is not None:
-                about[name] = {part: np.asarray(of).tolist() for part, of in found._asdict().items()}
+        known = {"exposures": self.exposures, "shifts": self.shifts}
+        about |= {
+            k: {name: np.asarray(n).tolist() for name, n in of._asdict().items()} for k, of in known.items() if of
+        }
         return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:

@@ -1,4 +1,4 @@
-r"""Shifts: how far each photograph is moved in the picture, as by a hand or a shaken tripod, from all texels of an object.
+r"""Shifts: how far each photograph is moved in the picture, as by a shaken tripod, from all texels of an object.
 
 Under one light s_v, as long as it is bright, a matte texel shows y_v = s_v.b, with b its k_d times its normal. A
 photograph moved by d_v shows, to first order, s_v.b - d_v.grad y_v. So Newton's method finds the shifts of all
@@ -11,6 +11,7 @@ registration technique", IJCAI 1981). The shift that all have in common is nobod
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -27,21 +28,21 @@ from ...inverse.forward.losses import CAUCHY
 from ...inverse.solve.elimination import eliminate
 from ...inverse.unknowns.light_priors import middle_of
 from ...io.lazy_images import LazyImage, rows_of_a_tile
+from ...model.rendering import silhouette
 from ...model.scenes import Scene
+from ...parallel.threads import ONE_BLAS_THREAD
 from ..lighting import Shifts
+from ..robust.calibration import GROUPS
+from ..robust.choice import FIRST_ROUNDS
 from ..robust.disagreement import cells_of
 from ..robust.learning import MIN_SAMPLES
-from ..tiles import TexelTile
+from ..tiles import SQUARE, TexelTile
 from .placing import directions_to, one_light_each
+from .refining import ROUNDS
 
 BLURS = 6.0, 3.0, 1.5  # standard deviations, pixels: from far to near
-MARGIN = 32  # pixels around the texels that a blurred photograph may show there
 PIXELS = 1 << 18  # of a photograph, of which larger ones are averages
-ROUNDS, WEIGHTINGS = 20, 5
-VIEW = 5  # numbers of a view: its shift, down and to the right, and three of its light
-LOOSE = FAR_MORE * SMALL  # how far a region's light may be from the one of all, relative
 FARTHEST = 4.0  # pixels: about as far photographs are moved
-REACH = 12  # pixels: so far away a sample changes no other by the interpolation with cubic splines
 
 
 class _Pictures(NamedTuple):
@@ -53,6 +54,8 @@ class _Pictures(NamedTuple):
     counts: Bool[np.ndarray, "views texels"]
     ends: Int[np.ndarray, " regions+1"]
     """Where the texels of each region begin."""
+    mask: Bool[np.ndarray, "h w"]
+    """Where the object is said to be."""
     size: int
     """Pixels of the photographs along each side of theirs."""
 
@@ -65,7 +68,6 @@ class _State(NamedTuple):
     covariance: Float[np.ndarray, "2*views 2*views"]
     misfit: Float[np.ndarray, " views"]
     """What typical texels show beyond the model, relative."""
-    settled: bool
 
 
 def undone_shifts(
@@ -85,8 +87,12 @@ def undone_shifts(
     if used is None or len(views) < FEW or len(sample.pixels) < MIN_SAMPLES:
         return views, None, ()
     intensity = np.array([np.ones(3) * np.asarray(getattr(scene.lights[i], "intensity", 1.0)) for i in used])
-    pictures = _pictures(views, np.maximum(intensity, TINY), sample)
-    shift, error, better = _found(pictures, directions_to(scene, used, middle_of(scene)))
+    mask = np.asarray(silhouette(scene.objects, views[0].camera)) & np.any([kept(view) for view in views], 0)
+    pictures = _pictures(views, np.maximum(intensity, TINY), sample, mask)
+    with ONE_BLAS_THREAD:
+        shift, error, better = _found(pictures, directions_to(scene, used, middle_of(scene)))
+    if (np.abs(shift) > MOST).any(1).mean() > MOST:  # none is where most are: the mask says where they belong
+        shift = shift + _by_mask(pictures, shift)
     told = (np.abs(shift) > np.maximum(RARE * error, MOST)).any(1) & (better > FAR_MORE)
     if not told.any():
         return views, None, ()
@@ -120,7 +126,7 @@ def _moved_back(view: View, by: Float[np.ndarray, "2"]) -> View:
     height, width = view.camera.shape
     seen, inside = colours(view), kept(view)
     ends, (right, down) = SensorRange.of(view, top_of_view(view)), by
-    margin = int(np.ceil(abs(down))) + REACH
+    margin = int(np.ceil(abs(down))) + SQUARE  # beyond it, cubic splines give nothing
 
     def moved(rows: np.ndarray, order: int) -> np.ndarray:
         return ndimage.shift(rows, (-down, -right, 0.0), order=order, mode="nearest")
@@ -160,12 +166,40 @@ def _found(
     return state.shift - np.median(state.shift, 0), error, still.misfit / np.maximum(state.misfit, TINY)
 
 
-def _pictures(views: Sequence[View], intensity: Float[np.ndarray, "views 3"], sample: TexelTile) -> _Pictures:
+def _by_mask(pictures: _Pictures, shift: Float[np.ndarray, "views 2"]) -> Float[np.ndarray, "2"]:
+    """Return how much farther all photographs are moved, by where they show its outline; 0 if nowhere."""
+    mask, far = pictures.mask, int(FARTHEST)
+    outside = ndimage.binary_dilation(mask, iterations=far) & ~mask
+    inside = mask & ndimage.binary_dilation(~mask, iterations=far)
+    outside[[*range(far), *range(-far, 0)]] = outside[:, [*range(far), *range(-far, 0)]] = False
+    if not outside.any() or not inside.any():
+        return np.zeros(2)
+    mean = np.mean(
+        [ndimage.shift(one, -by, order=1, mode="nearest") for one, by in zip(pictures.grey, shift, strict=True)], 0
+    )
+    steps = np.arange(-far, far + 1)
+    rolled = [[np.roll(mean, (-i, -j), (0, 1)) for j in steps] for i in steps]
+    contrast = np.array([[one[inside].mean() - one[outside].mean() for one in row] for row in rolled])
+    i, j = np.unravel_index(contrast.argmax(), contrast.shape)
+    within = 0 < i < 2 * far and 0 < j < 2 * far
+    if not within or contrast[i, j] < MOST * rolled[i][j][inside].mean():
+        return np.zeros(2)
+
+    def top(three: np.ndarray) -> float:
+        return float((three[0] - three[2]) / (2.0 * (three[0] - 2.0 * three[1] + three[2])))
+
+    return np.array([steps[i] + top(contrast[i - 1 : i + 2, j]), steps[j] + top(contrast[i, j - 1 : j + 2])])
+
+
+def _pictures(
+    views: Sequence[View], intensity: Float[np.ndarray, "views 3"], sample: TexelTile, mask: Bool[np.ndarray, "h w"]
+) -> _Pictures:
     """Return the photographs around some texels, averaged over squares of pixels where they are large."""
     height, width = views[0].camera.shape
     row, column = np.divmod(sample.pixels, width)
-    top, left = max(row.min() - MARGIN, 0), max(column.min() - MARGIN, 0)
-    high, wide = min(row.max() + 1 + MARGIN, height) - top, min(column.max() + 1 + MARGIN, width) - left
+    around = int(FARTHEST * (BLURS[0] + 1.0))  # so far a blurred photograph that is moved shows of it
+    top, left = max(row.min() - around, 0), max(column.min() - around, 0)
+    high, wide = min(row.max() + 1 + around, height) - top, min(column.max() + 1 + around, width) - left
     size = int(np.ceil(np.sqrt(high * wide / PIXELS)))
     high, wide = high // size, wide // size
 
@@ -185,14 +219,15 @@ def _pictures(views: Sequence[View], intensity: Float[np.ndarray, "views 3"], sa
     order = np.argsort(cell, kind="stable")
     ends = np.flatnonzero(np.diff(cell[order], prepend=-1, append=-1))
     images = np.stack([grey(*of) for of in zip(views, intensity, strict=True)])
-    return _Pictures(images, place[:, order], sample.counts[:, order], ends, size)
+    some = slice(top + size // 2, top + high * size, size), slice(left + size // 2, left + wide * size, size)
+    return _Pictures(images, place[:, order], sample.counts[:, order], ends, mask[some], size)
 
 
 def _start(pictures: _Pictures, toward: Float[np.ndarray, "views 3"]) -> _State:
     """Return photographs that are not moved, under lights where they are said to be, as bright as most texels show."""
     level = np.array([_at(one, pictures.place) for one in pictures.grey])
     gain = np.ones(len(level))
-    for _ in range(WEIGHTINGS):
+    for _ in range(FIRST_ROUNDS):
         light = toward * gain[:, None]
         shown = light @ np.linalg.lstsq(light, level, rcond=None)[0]
         bright = shown > MOST * np.sqrt(np.square(level).mean(0))
@@ -200,7 +235,7 @@ def _start(pictures: _Pictures, toward: Float[np.ndarray, "views 3"]) -> _State:
         gain = gain * np.clip(off / np.median(off), MOST, 1.0 / MOST)
     views, regions = len(level), len(pictures.ends) - 1
     light = np.broadcast_to(toward * gain[:, None], (regions, views, 3))
-    return _State(np.zeros((views, 2)), light, np.zeros((2 * views, 2 * views)), np.ones(views), False)
+    return _State(np.zeros((views, 2)), light, np.zeros((2 * views, 2 * views)), np.ones(views))
 
 
 def _at(image: Float[np.ndarray, "h w"], place: Float[np.ndarray, "2 texels"]) -> Float[np.ndarray, " texels"]:
@@ -229,53 +264,65 @@ def _matte(
     bright: float,
 ) -> _Matte:
     """Return k_d n of each texel under a robust loss, by the observations that are as bright as this."""
-    parts = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
     pairs = (light[..., :, None] * light[..., None, :]).reshape(*light.shape[:2], 9)
     level = np.sqrt(np.square(seen).mean(0))
     plain = inside / (np.square(level) + (SMALL * np.median(level)) ** 2)
     rounding = SINGLE * plain.mean(0)[:, None, None] * np.eye(3)
-    weight, lit, scale, relative, tilt = plain * (seen > bright * level), inside, 1.0, seen, np.zeros(0)
-    for k in range(WEIGHTINGS + 1):
-        scaled = weight * (1.0 if k < WEIGHTINGS else scale**-2)
-        H = np.concatenate([scaled[:, part].T @ of for part, of in zip(parts, pairs, strict=True)]).reshape(-1, 3, 3)
-        inverse = np.linalg.inv(H + rounding * (1.0 if k < WEIGHTINGS else scale**-2))
-        right = np.concatenate([(scaled * seen)[:, part].T @ of for part, of in zip(parts, light, strict=True)])
+    weight, unit = plain * (seen > bright * level), 1.0
+
+    def minimum(weight: Float[np.ndarray, "views texels"], unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        H = np.concatenate([weight[:, part].T @ of for part, of in zip(parts, pairs, strict=True)]).reshape(-1, 3, 3)
+        right = np.concatenate([(weight * seen)[:, part].T @ of for part, of in zip(parts, light, strict=True)])
+        inverse = np.linalg.inv(H + unit * rounding)
         tilt = (inverse @ right[..., None])[..., 0]
         shown = np.concatenate([of @ tilt[part].T for part, of in zip(parts, light, strict=True)], 1)
-        if k == WEIGHTINGS:
-            break
+        return tilt, inverse, shown
+
+    lit = relative = np.zeros(seen.shape)
+    for _ in range(FIRST_ROUNDS):
+        shown = minimum(weight, 1.0)[-1]
         lit = inside & (np.minimum(seen, shown) > bright * level)
         relative = np.abs(seen - shown) * np.sqrt(plain)
         scale = MAD * float(np.median(relative[lit])) + TINY
-        weight = plain * lit / (1.0 + np.square(relative / (CAUCHY * scale)))
-        weight = weight * (lit.sum(0) >= min(6, len(lit) - 1))
+        weight = (
+            plain * lit / (1.0 + np.square(relative / (CAUCHY * scale))) * (lit.sum(0) >= min(GROUPS, len(lit) - 1))
+        )
+        unit = scale**-2
+    tilt, inverse, shown = minimum(unit * weight, unit)
     misfit = np.array([np.median(one[some]) if some.any() else 1.0 for one, some in zip(relative, lit, strict=True)])
-    return _Matte(tilt, inverse, seen - shown, scaled, misfit)
+    return _Matte(tilt, inverse, seen - shown, unit * weight, misfit)
 
 
 def _aligned(pictures: _Pictures, state: _State, blur: float, bright: float, *, moves: bool = True) -> _State:
     """Return the shifts at the minimum, of photographs that are blurred, by observations as bright as this."""
     blurred = np.stack([ndimage.gaussian_filter(image, blur) for image in pictures.grey])
-    down, right = np.gradient(blurred, axis=(1, 2))
+    fields = [blurred, np.gradient(blurred, axis=1), np.gradient(blurred, axis=2)]
     edge = np.array(blurred.shape[1:])[:, None] - 1
     for _ in range(ROUNDS):
         places = pictures.place + state.shift[..., None]
         inside = ((places >= 0.0) & (places <= edge)).all(1) & pictures.counts
-        seen, *slopes = (np.stack([_at(*of) for of in zip(images, places, strict=True)]) for images in (blurred, down, right))
+        seen, *slopes = (np.stack([*map(_at, images, places)]) for images in fields)
         texels = _matte(seen, inside, state.light, pictures.ends, bright)
         before, state = state, _stepped(state, texels, np.stack(slopes, 1), pictures.ends, FAR_MORE * blur, moves=moves)
         if np.abs(state.shift - before.shift).max() < MINOR / FAR_MORE:
-            return state._replace(settled=True)
+            break
     return state
 
 
 def _stepped(
-    state: _State, texels: _Matte, slopes: Float[np.ndarray, "views 2 texels"], ends: np.ndarray, longest: float, *, moves: bool
+    state: _State,
+    texels: _Matte,
+    slopes: Float[np.ndarray, "views 2 texels"],
+    ends: np.ndarray,
+    longest: float,
+    *,
+    moves: bool,
 ) -> _State:
     """Return the state after one step of Newton's method, with all texels and then the lights eliminated."""
     regions, views, _ = state.light.shape
     mean = state.light.mean(0)
-    number = np.arange(VIEW * views).reshape(views, VIEW)
+    number, loose = np.arange(5 * views).reshape(views, 5), FAR_MORE * SMALL  # how far a region's light may be off
     shifts, lights = number[:, :2].ravel(), number[:, 2:].ravel()
     H, gradient, answers = np.eye(2 * views) / FARTHEST**2, np.zeros((regions, 2 * views)), []
     for r in range(regions):
@@ -287,8 +334,8 @@ def _stepped(
         S = -eliminate(texels.inverse[part], side, np.zeros((len(tilt), 3, 1)))[2]
         S[number[:, :, None], number[:, None]] += weighted @ J.swapaxes(1, 2)
         g = np.einsum("vat,vt->va", weighted, texels.residual[:, part]).ravel()
-        of_lights = np.linalg.inv(S[np.ix_(lights, lights)] + np.eye(3 * views) / LOOSE**2)[None]
-        pull = (g[lights] + (state.light[r] - mean).ravel() / LOOSE**2)[None, :, None]
+        of_lights = np.linalg.inv(S[np.ix_(lights, lights)] + np.eye(3 * views) / loose**2)[None]
+        pull = (g[lights] + (state.light[r] - mean).ravel() / loose**2)[None, :, None]
         by_shift, alone, of_matrix, of_right = eliminate(of_lights, S[np.ix_(lights, shifts)][None], pull)
         H += S[np.ix_(shifts, shifts)] - of_matrix
         gradient[r] = g[shifts] - of_right[0, :, 0]
@@ -301,4 +348,5 @@ def _stepped(
     about_mean = np.eye(2 * views) - np.kron(np.full((views, views), 1.0 / views), np.eye(2))
     root = about_mean @ inverse
     spread = gradient.T @ gradient * regions / max(regions - 1, 1) + np.eye(2 * views) / FARTHEST**2
-    return _State(_about_mean(state.shift + step.reshape(views, 2)), light, root @ spread @ root.T, texels.misfit, False)
+    shift = _about_mean(state.shift + step.reshape(views, 2))
+    return _State(shift, light, root @ spread @ root.T, texels.misfit)
