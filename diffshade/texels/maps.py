@@ -351,10 +351,8 @@ class TexelMaps:
         about |= {"scale": dict(scales)} if scales else {}
         if self.sensor is not None:
             about["sensor"] = {".".join(map(str, keys)): float(value) for keys, value, _ in quantities(self.sensor)}
-        known = {"exposures": self.exposures, "shifts": self.shifts}
-        about |= {
-            k: {name: np.asarray(n).tolist() for name, n in of._asdict().items()} for k, of in known.items() if of
-        }
+        for name, of in (("exposures", self.exposures), ("shifts", self.shifts)):
+            about |= {} if of is None else {name: {key: np.asarray(n).tolist() for key, n in of._asdict().items()}}
         return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:
