@@ -45,6 +45,7 @@ BANDS = "bands.html"  # the page of the bands, in the folder of the maps
 @click.option(
     "--no-exposure", "as_exposed", is_flag=True, help="Exposures and white balance are as they are said to be"
 )
+@click.option("--no-align", "as_placed", is_flag=True, help="Photographs that are shifted are not moved back")
 @click.option(
     "--light-error", type=float, metavar="DEGREES", help="Error of the lights  [default: the folder's, or none]"
 )
@@ -59,6 +60,7 @@ def texels(
     shared: bool,
     alone: bool,
     as_exposed: bool,
+    as_placed: bool,
     hold_out: int | None,
     bands: bool,
     heights: bool,
@@ -81,9 +83,7 @@ def texels(
             response = _response(found.scene, [found.views[i] for i in seen])
             sensor = response.views[0].sensor
             found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
-        fit = TexelFit(
-            found, typed, free, seen, out, shared, neighbours=not alone, match_exposures=not as_exposed, bands=bands
-        )
+        fit = TexelFit(found, typed, free, seen, out, shared, not alone, not as_exposed, not as_placed, bands=bands)
         maps, made = fit.maps()
     maps = replace(maps, notes=tuple(with_names(note, names) for note in maps.notes))  # as its page names them, too
     maps.describe(out)
@@ -170,6 +170,7 @@ class TexelFit:
     shared: bool
     neighbours: bool
     match_exposures: bool
+    align: bool
     bands: bool
 
     def maps(self) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
@@ -206,6 +207,7 @@ class TexelFit:
             regions=np.zeros(every[0].camera.shape, int) if self.shared else None,
             neighbours=self.neighbours,
             match_exposures=self.match_exposures,
+            align=self.align,
             light_error=error[which] if np.ndim(error) else error,
             out=self.out if len(which) == len(self.seen) else None,
             progress=True,

@@ -32,6 +32,7 @@ from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .lighting import LightErrors
 from .lights.exposures import Taught, found_exposures
+from .lights.shifts import undone_shifts
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
@@ -40,7 +41,7 @@ from .robust.turned_lights import note_on_turned_lights
 from .run import TexelRun
 from .status import UNDETERMINED
 from .tile_runner import TileRunner
-from .tiles import LEARNING_SAMPLE
+from .tiles import LEARNING_SAMPLE, ViewReader
 
 _LOGGER = logging.getLogger("diffshade")
 MEMORY = 1 << 28  # bytes of the photographs that are read at once
@@ -61,6 +62,7 @@ class Choices(NamedTuple):
     neighbours: bool
     light_error: LightErrors | None
     match_exposures: bool
+    align: bool
 
 
 def fit_texels(
@@ -73,6 +75,7 @@ def fit_texels(
     neighbours: bool = True,
     light_error: Float[ArrayLike, " views"] | Float[ArrayLike, "views 3 3"] | float | None = None,
     match_exposures: bool = True,
+    align: bool = True,
     out: str | os.PathLike[str] | None = None,
     memory: int = MEMORY,
     mesh: Mesh | None = None,
@@ -126,6 +129,9 @@ def fit_texels(
         match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
             are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
             is done where twelve photographs or more show it, by 15 % in one of them or 5 % in a colour; a note says so.
+        align: Whether photographs that are shifted in the picture, as by a hand, are moved back, where all texels share
+            a highlight and each photograph has a light of its own. It is done where eight photographs or more show it,
+            by half a pixel and three errors; a note says so. Masks stay where they are.
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`, with the scene and
             the camera, so that `read_maps` reads them back. The same call resumes from it, whenever it was stopped. By
             default the maps stay in memory.
@@ -163,7 +169,7 @@ def fit_texels(
         showing("texels", show=progress) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
-        choices = Choices(free, loss, region_of, neighbours, known, match_exposures)
+        choices = Choices(free, loss, region_of, neighbours, known, match_exposures, align)
         problem = "" if out is None else fingerprint(FORMAT, scene, views, *choices)
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
         with contextlib.closing(tiles):
@@ -180,7 +186,7 @@ def fit_texels(
 
 def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunner) -> TexelMaps:
     """Fit each texel by itself, or all with the highlight that they share, where that predicts photographs better."""
-    free, loss, regions, neighbours, light_error, match_exposures = choices
+    free, loss, regions, neighbours, light_error, match_exposures, align = choices
     each = TexelRun(scene, views, free, loss or "squares", regions, tiles)
     if "normal" not in free:
         return each.maps(None, ())
@@ -194,11 +200,17 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     few = len(views) < GROUPS and light_error is None
     if set(free) != SHARED or loss == "squares" or unsuited or few:
         return each.maps(lights, notes)
+    sample, shifts = tiles.reader.sample(LEARNING_SAMPLE), None
+    check_anything_left(np.ones(len(sample.pixels)))
+    if other is None and align:
+        views, shifts, on_shifts = undone_shifts(scene, views, sample)
+        notes = (*notes, *on_shifts)
+    if shifts is not None:
+        tiles.reader = ViewReader(scene, views)
+        sample, each = tiles.reader.sample(LEARNING_SAMPLE), TexelRun(scene, views, free, "squares", regions, tiles)
     run = RobustRun(
         each.setup, each.known, loss or "cauchy", regions, tiles, neighbours=neighbours, light_error=light_error
     )
-    sample = tiles.reader.sample(LEARNING_SAMPLE)
-    check_anything_left(np.ones(len(sample.pixels)))
     taught, exposures, on_lights = Taught(run, run.learn(sample), sample), None, ()
     if other is None and match_exposures:
         exposures, taught, on_lights = found_exposures(scene, views, taught, light_error)
@@ -210,7 +222,7 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     by_itself = may_be_own and own_exponents_predict_better(*taught, each.setup.lobe, each.estimates)
     maps = each.maps(lights, notes) if by_itself else run.maps(models, sample, notes)
     as_given = eqx.tree_at(lambda of: of.lights, maps.scene, scene.lights)
-    return dataclasses.replace(maps, scene=as_given, exposures=exposures)
+    return dataclasses.replace(maps, scene=as_given, exposures=exposures, shifts=shifts)
 
 
 def _lacks_a_channel(scene: Scene, views: Sequence[View]) -> bool:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
 from ..inverse.data.views import Noise, View, is_grey, lights_on, noises, switches
@@ -36,6 +36,17 @@ class Exposures(NamedTuple):
     """Relative standard error of the brightness, which the channels share."""
     directions: Float[np.ndarray, "views 3"]
     """Unit vectors to the light of each view, as found together with the exposures."""
+
+
+class Shifts(NamedTuple):
+    """How far what each photograph shows is moved in the picture, found from all texels of an object, and undone."""
+
+    pixels: Float[np.ndarray, "views 2"]
+    """To the right and down, 0 in the median."""
+    error: Float[np.ndarray, "views 2"]
+    """Their standard errors."""
+    undone: Bool[np.ndarray, " views"]
+    """Which of them were undone: those that are clear."""
 
 
 class LightingSetup(eqx.Module):

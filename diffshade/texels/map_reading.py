@@ -13,7 +13,7 @@ from ..inverse.data.sensors import Sensor, Vignetting
 from ..io.arrays import read_array
 from ..io.images import read_image
 from ..io.scene_files import read_camera, read_scene
-from .lighting import Exposures
+from .lighting import Exposures, Shifts
 from .map_files import read_numbers
 from .maps import ABOUT, FORMAT, LIGHTS, SCENE, STATUS_PICTURE, WEIGHTS, SharedHighlight, TexelMaps
 from .status import STATUS
@@ -106,11 +106,17 @@ def _maps(folder: Path, about: dict[str, Any], scene: Any, camera: Any) -> Texel
         _unexplained(folder, about["unexplained"], shape) if "unexplained" in about else None,
         _sensor(about["sensor"]) if "sensor" in about else None,
         _exposures(about["exposures"]) if "exposures" in about else None,
+        _shifts(about["shifts"]) if "shifts" in about else None,
     )
 
 
 def _exposures(about: dict[str, Any]) -> Exposures:
     return Exposures(*(np.array(about[name], np.float64) for name in Exposures._fields))
+
+
+def _shifts(about: dict[str, Any]) -> Shifts:
+    pixels, error = (np.array(about[name], np.float64).reshape(-1, 2) for name in ("pixels", "error"))
+    return Shifts(pixels, error, np.array(about["undone"], bool))
 
 
 def _sensor(about: dict[str, float]) -> Sensor:

@@ -30,7 +30,7 @@ from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight
 from ..model.rendering import intersect, render, select
 from ..model.scenes import Scene, as_tuple
-from .lighting import Exposures
+from .lighting import Exposures, Shifts
 from .map_files import map_folder, read_numbers, write_about, write_numbers
 from .predictions import prediction_of, relative_error
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
@@ -101,6 +101,7 @@ class TexelMaps:
             foretold from one light to another.
         sensor: What the camera of all photographs did to the light; None where the views had no `Sensor`, or several.
         exposures: How much more each photograph shows than its exposure says, which was undone; None where it was not.
+        shifts: How far each photograph is moved in the picture, and which were moved back; None where none was.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -115,6 +116,7 @@ class TexelMaps:
     unexplained: Unexplained | None = None
     sensor: Sensor | None = None
     exposures: Exposures | None = None
+    shifts: Shifts | None = None
 
     STATUS = STATUS
 
@@ -256,7 +258,7 @@ class TexelMaps:
           is kept of a texel, and the weight of each number in its light.
         - `highlight_weights.npy`, where regions have different highlights.
         - `maps.toml`, written last: the format, the names of the maps, the levels of the status, the units, the notes,
-          how many errors hold the truth 95 % of the time, the exposures that were found, the powers of the highlight
+          how many errors hold the truth 95 % of the time, the exposures and shifts found, the powers of the highlight
           (`weight` is a number, or names the file that has one for each pixel), the width within which unexplained
           light is alike, and the scales of PNGs.
 
@@ -345,14 +347,12 @@ class TexelMaps:
             given = self.unexplained.interpolation
             about["unexplained"] = {"width": float(given.width)}
             written.append(write_numbers(folder / LIGHTS, np.hstack([given.toward, given.taken.T, given.given])))
-        if self.notes:
-            about["notes"] = [str(note) for note in self.notes]
-        if scales:
-            about["scale"] = dict(scales)
+        about |= {"notes": [str(note) for note in self.notes]} if self.notes else {}
+        about |= {"scale": dict(scales)} if scales else {}
         if self.sensor is not None:
             about["sensor"] = {".".join(map(str, keys)): float(value) for keys, value, _ in quantities(self.sensor)}
-        if self.exposures is not None:
-            about["exposures"] = {name: np.asarray(of).tolist() for name, of in self.exposures._asdict().items()}
+        for name, of in (("exposures", self.exposures), ("shifts", self.shifts)):
+            about |= {} if of is None else {name: {key: np.asarray(n).tolist() for key, n in of._asdict().items()}}
         return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:

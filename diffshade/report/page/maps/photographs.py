@@ -12,12 +12,11 @@ from ....inverse.data.views import View, is_grey
 from ....io.image_formats import encode
 from ....texels.maps import TexelMaps
 from ....texels.status import OUTSIDE
-from ..pictures import displayed
+from ..pictures import QUALITY, displayed
 
 LARGEST = 1024  # pixels of the longer side of a photograph beside the live picture
 WHITE = 0.995  # quantile of a photograph that is shown as white, in the median over photographs
 ENOUGH = 12  # photographs for that median
-SMALL_QUALITY = 70  # JPEG quality in a page that is light
 
 
 def white_of(maps: TexelMaps, views: Sequence[View]) -> float:
@@ -30,20 +29,20 @@ def white_of(maps: TexelMaps, views: Sequence[View]) -> float:
     return float(np.median([np.quantile(image[inside], WHITE) for image in images])) or 1.0
 
 
-def as_jpeg(view: View, white: float, quality: int) -> str:
+def as_jpeg(view: View, white: float) -> str:
     """Return a photograph as a JPEG in base64."""
-    return _encoded(_seen(view), white, quality)
+    return _encoded(_seen(view), white)
 
 
 def still_of(maps: TexelMaps, lit: tuple[int, ...] | None, exposure: float, white: float) -> str:
     """Return the object under some of its lights as a JPEG in base64."""
-    return _encoded(exposure * maps.shade(lit=lit), white, SMALL_QUALITY)
+    return _encoded(exposure * maps.shade(lit=lit), white)
 
 
-def _encoded(image: Float[np.ndarray, "h w c"], white: float, quality: int) -> str:
+def _encoded(image: Float[np.ndarray, "h w c"], white: float) -> str:
     small = min(1.0, LARGEST / max(image.shape))
     shape = (max(round(image.shape[0] * small), 1), max(round(image.shape[1] * small), 1))
-    return base64.b64encode(encode(".jpg", displayed(image, shape, white), quality=quality)).decode("ascii")
+    return base64.b64encode(encode(".jpg", displayed(image, shape, white), quality=QUALITY)).decode("ascii")
 
 
 def _seen(view: View) -> Float[np.ndarray, "h w c"]:

@@ -21,7 +21,7 @@ from ....texels.predictions import relative_error
 from ....texels.status import OUTSIDE
 from ...drawn_bands import drawn_bands
 from .. import charts
-from ..pictures import QUALITY, build_gallery
+from ..pictures import build_gallery
 from ..shaders import shader
 from ..tables import bands as on_bands
 from ..tables import shown
@@ -30,12 +30,12 @@ from . import tables
 from .layers import Layer, layers_of
 from .numbers import Numbers, numbers_of
 from .overlays import DARK, LEVELS_OF_STATUS, gradient, overlays_of
-from .photographs import SMALL_QUALITY, as_jpeg, still_of, white_of
+from .photographs import as_jpeg, still_of, white_of
 from .rounding import picture_off
 from .stage import Lighting, stage_of
 
 MOST_PHOTOGRAPHS = 24  # that the live picture is compared with
-MOST_PREDICTIONS, FEW_PREDICTIONS = 12, 6  # with everything, and in a light page
+MOST_PREDICTIONS = 12  # and half as many of both in a light page
 # Of white: to what a light page rounds what is beyond the model. Nine texels of ten then differ by 1.5 steps of 255.
 STEP = 1.0 / 16.0
 SHADERS = ("decode", "relief", "shadow", "beyond", "maps", "present")
@@ -88,6 +88,10 @@ class PageForm(NamedTuple):
     embed: bool
     """Whether it has the picture and its dial alone."""
 
+    def of(self, most: int) -> int:
+        """Return how many of some pictures the page has at most."""
+        return most if self.full else most // 2
+
 
 class _Predicted(NamedTuple):
     names: list[str]
@@ -116,7 +120,7 @@ def write_maps_page(
     stage = stage_of(maps, lightings, white, numbers.factor)
     first = lightings[_first(stage["views"])]
     layers, planes = layers_of(numbers, None if form.full else STEP * _reflectance_of_white(stage["views"]))
-    beside = [] if form.embed else photographs.some(MOST_PHOTOGRAPHS)
+    beside = [] if form.embed else photographs.some(form.of(MOST_PHOTOGRAPHS))
     _name(stage["views"], photographs, beside)
     report_progress("predictions")
     predicted = _predicted(maps, photographs, bands, form)
@@ -155,7 +159,7 @@ def write_maps_page(
         scene=as_script({"first": _first(stage["views"]), **_scene(numbers, layers, planes, stage, overlays)}),
         shaders={name: shader(f"maps/{name}.glsl", stage["lobes"], stage["laws"]) for name in SHADERS},
         files={f"{name}-{k}": file for name, of in planes.items() for k, file in enumerate(of)}
-        | _jpegs(photographs, beside, white, QUALITY if form.full else SMALL_QUALITY),
+        | _jpegs(photographs, beside, white),
     )
     path.write_text(page, encoding="utf-8")
 
@@ -164,7 +168,7 @@ def _predicted(
     maps: TexelMaps, photographs: PagePhotographs, bands: PredictionBands | None, form: PageForm
 ) -> _Predicted:
     """Return some photographs beside what the maps predict of them."""
-    which = [] if form.embed else photographs.predicted(MOST_PREDICTIONS if form.full else FEW_PREDICTIONS)
+    which = [] if form.embed else photographs.predicted(form.of(MOST_PREDICTIONS))
     found = [(bands or maps).predict(photographs.every[i]) for i in which]
     off = [relative_error(p, float(photographs.every[i].black)) for i, p in zip(which, found, strict=True)]
     return _Predicted([photographs.names[i] for i in which], found, np.array(off))
@@ -176,9 +180,9 @@ def _charts(predicted: _Predicted) -> list[charts.Chart]:
     return [charts.errors_of_each(predicted.off, predicted.names, "relative error", "Each photograph")]
 
 
-def _jpegs(photographs: PagePhotographs, which: Sequence[int], white: float, quality: int) -> dict[str, str]:
+def _jpegs(photographs: PagePhotographs, which: Sequence[int], white: float) -> dict[str, str]:
     """Return the photographs that the live picture is compared with."""
-    return {f"photograph-{i}": as_jpeg(photographs.every[i], white, quality) for i in which}
+    return {f"photograph-{i}": as_jpeg(photographs.every[i], white) for i in which}
 
 
 def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
