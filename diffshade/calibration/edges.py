@@ -15,13 +15,13 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ..core.thresholds import SMALL
+from ..inverse.data.masks import SIDE
 from .balls import circle, near_one_circle
 
 Picture = Float[np.ndarray, "h w"]
 Points = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 Circle = Float[np.ndarray, "3"]
 
-PROPOSING = 400  # pixels of the longer side of the picture in which circles are proposed
 RADII = (0.03, 0.75)  # of a ball, over the longer side
 ANGLES = 720  # radii on which the edge is searched for: a point each pixel of a ball 230 pixels wide
 REACHES = (0.12, 0.06, 0.03, 0.015)  # of the radius, within which the edge is searched for, from coarse to fine
@@ -67,7 +67,7 @@ def _proposed(shown: Picture) -> list[Circle]:
     """Return circles in a picture without fine grain, and in one of even contrast."""
     import cv2
 
-    small, scale = shrunk(shown, PROPOSING)
+    small, scale = shrunk(shown, SIDE)
     smooth = (255.0 * small).astype(np.uint8)
     circles = []
     for picture in (smooth, cv2.createCLAHE(3.0, (4, 4)).apply(smooth)):
@@ -80,7 +80,7 @@ def _proposed(shown: Picture) -> list[Circle]:
                 None,
                 slope,
                 0.5,
-                *(int(radius * PROPOSING) for radius in RADII),
+                *(int(radius * SIDE) for radius in RADII),
             )  # pyright: ignore[reportCallIssue, reportArgumentType]
             circles += [] if found is None else list(found[0].astype(float) / scale)
     return circles

@@ -16,8 +16,8 @@ from scipy import ndimage
 
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import CLEARLY, FEW, MINOR, MOST, SMALL
+from ..inverse.data.masks import SIDE
 from .edges import (
-    PROPOSING,
     REACHES,
     Circle,
     Picture,
@@ -31,7 +31,7 @@ from .edges import (
     shrunk,
 )
 
-JUDGED = 2 * PROPOSING  # pixels of the longer side of pictures in which circles are judged
+JUDGED = 2 * SIDE  # pixels of the longer side of pictures in which circles are judged
 FARTHEST = MOST**0.5 + MINOR  # radii from the middle: highlights of lights in front are at sqrt(1/2) at most
 REMEDY = (
     "Look at a photograph, and give the ball's column, row and radius there, circle=(x, y, r) (--circle X,Y,R), "

@@ -35,8 +35,7 @@ class Quality(NamedTuple):
     """How many texels a number of the light beyond the model, or an error, is wide."""
 
 
-LIGHT = Quality(np.inf, geometry=12, coefficients=10, beyond=8, parts=1, coarser=1)  # of a page that is sent
-QUALITIES = (  # of a page with everything
+QUALITIES = (
     Quality(1 << 19, geometry=16, coefficients=12, beyond=12, parts=9, coarser=1),
     Quality(1 << 21, geometry=14, coefficients=10, beyond=10, parts=6, coarser=2),
     Quality(np.inf, geometry=12, coefficients=8, beyond=8, parts=3, coarser=2),
@@ -131,7 +130,8 @@ def layers_of(numbers: Numbers, step: float | None) -> tuple[list[Layer], dict[s
             that fits.
     """
     fitting = [quality for quality in QUALITIES if numbers.status.size <= quality.most_texels]
-    fitting = fitting if step is None else [LIGHT, *fitting[-2:]]
+    if step is not None:
+        fitting = [fitting[-2]._replace(coarser=1), *fitting[-2:]]
     layers, files = _encoded(numbers, fitting[0], step)
     for quality in fitting[1:]:
         if _size(files) <= LIMIT:
