@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..io.files import replacing
-from .calibration_picture import WHITE
+from .calibration_picture import INCH, WHITE
 
 if TYPE_CHECKING:
     from ..inverse.data.masks import FoundMask
-
-INCH = 2.5
 
 
 def draw_mask(path: Path, found: FoundMask) -> None:
@@ -39,9 +37,9 @@ def draw_mask(path: Path, found: FoundMask) -> None:
         if way.any() and not way.all():
             at.contour(way, [0.5], colors="tab:red", linewidths=1)
         agrees = name == "mask" or name in found.agreeing
-        at.set_title(f"{name}, {way.mean():.0%}" + ("" if agrees else ": left out"), fontsize=8)
+        at.set_title(f"{name}, {way.mean():.0%}" + ("" if agrees else ": left out"), fontsize=12)
         at.set_axis_off()
     held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=110)
+    figure.savefig(held, format="png", dpi=72)
     with replacing(path) as temporary:
         temporary.write_bytes(held.getvalue())

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.progress import ReportProgress
-from ....core.thresholds import MINOR
 from ....diagnosis.prediction_bands import PredictionBands
 from ....inverse.data.views import View
 from ....inverse.result import Prediction
@@ -36,6 +35,8 @@ from .rounding import picture_off
 from .stage import Lighting, stage_of
 
 MOST_PHOTOGRAPHS = 24  # that the live picture is compared with
+# Of white: to what a light page rounds what is beyond the model. Nine texels of ten then differ by 1.5 steps of 255.
+STEP = 1.0 / 16.0
 MOST_PREDICTIONS = 12  # and half as many of both in a light page
 SHADERS = ("decode", "relief", "shadow", "beyond", "maps", "present")
 STYLES = ("page.css", "maps/maps.css")
@@ -118,7 +119,7 @@ def write_maps_page(
     lightings = _lightings(maps, photographs)
     stage = stage_of(maps, lightings, white, numbers.factor)
     first = lightings[_first(stage["views"])]
-    layers, planes = layers_of(numbers, None if form.full else MINOR * _reflectance_of_white(stage["views"]))
+    layers, planes = layers_of(numbers, None if form.full else STEP * _reflectance_of_white(stage["views"]))
     beside = [] if form.embed else photographs.some(form.of(MOST_PHOTOGRAPHS))
     _name(stage["views"], photographs, beside)
     report_progress("predictions")
