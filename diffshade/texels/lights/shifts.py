@@ -40,9 +40,8 @@ from ..tiles import SQUARE, TexelTile
 from .placing import directions_to, one_light_each
 from .refining import ROUNDS
 
-BLURS = 6.0, 3.0, 1.5  # standard deviations, pixels: from far to near
+BLURS = 6.0, 3.0, 1.5  # standard deviations, pixels: from far to near; the first is about how far photographs are moved
 PIXELS = 1 << 18  # of a photograph, of which larger ones are averages
-FARTHEST = 4.0  # pixels: about as far photographs are moved
 
 
 class _Shrunk(NamedTuple):
@@ -171,7 +170,7 @@ def _found(
 
 def _by_mask(pictures: _Shrunk, shift: Float[np.ndarray, "views 2"]) -> Float[np.ndarray, "2"]:
     """Return how much farther all photographs are moved, by where they show its outline; 0 if nowhere."""
-    mask, far = pictures.mask, int(FARTHEST)
+    mask, far = pictures.mask, int(BLURS[0])
     outside = ndimage.binary_dilation(mask, iterations=far) & ~mask
     inside = mask & ndimage.binary_dilation(~mask, iterations=far)
     outside[[*range(far), *range(-far, 0)]] = outside[:, [*range(far), *range(-far, 0)]] = False
@@ -200,7 +199,7 @@ def _pictures(
     """Return the photographs around some texels, averaged over squares of pixels where they are large."""
     height, width = views[0].camera.shape
     row, column = np.divmod(sample.pixels, width)
-    around = int(FARTHEST * (BLURS[0] + 1.0))  # so far a blurred photograph that is moved shows of it
+    around = int(BLURS[0] * (BLURS[0] + 1.0))  # so far a blurred photograph that is moved shows of it
     top, left = max(row.min() - around, 0), max(column.min() - around, 0)
     high, wide = min(row.max() + 1 + around, height) - top, min(column.max() + 1 + around, width) - left
     size = int(np.ceil(np.sqrt(high * wide / PIXELS)))
@@ -327,7 +326,7 @@ def _stepped(
     mean = state.light.mean(0)
     number, loose = np.arange(5 * views).reshape(views, 5), FAR_MORE * SMALL  # how far a region's light may be off
     shifts, lights = number[:, :2].ravel(), number[:, 2:].ravel()
-    H, gradient, answers = np.eye(2 * views) / FARTHEST**2, np.zeros((regions, 2 * views)), []
+    H, gradient, answers = np.eye(2 * views) / BLURS[0] ** 2, np.zeros((regions, 2 * views)), []
     for r in range(regions):
         part = slice(ends[r], ends[r + 1])
         tilt, weight = texels.tilt[part], texels.weight[:, part]
@@ -344,12 +343,12 @@ def _stepped(
         gradient[r] = g[shifts] - of_right[0, :, 0]
         answers.append((by_shift[0], alone[0, :, 0]))
     inverse = np.linalg.inv(0.5 * (H + H.T))
-    step = -inverse @ (gradient.sum(0) + state.shift.ravel() / FARTHEST**2) if moves else np.zeros(2 * views)
+    step = -inverse @ (gradient.sum(0) + state.shift.ravel() / BLURS[0] ** 2) if moves else np.zeros(2 * views)
     step = np.clip(step, -longest, longest)
     light = state.light - np.stack([(by @ step + alone).reshape(views, 3) for by, alone in answers])
     light = light / np.median(np.linalg.norm(light.mean(0), axis=-1))  # texels take back what all have in common
     about_mean = np.eye(2 * views) - np.kron(np.full((views, views), 1.0 / views), np.eye(2))
     root = about_mean @ inverse
-    spread = gradient.T @ gradient * regions / max(regions - 1, 1) + np.eye(2 * views) / FARTHEST**2
+    spread = gradient.T @ gradient * regions / max(regions - 1, 1) + np.eye(2 * views) / BLURS[0] ** 2
     shift = _about_mean(state.shift + step.reshape(views, 2))
     return _State(shift, light, root @ spread @ root.T, texels.misfit)
