@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import made_maps
 import numpy as np
 import pytest
 import scipy.ndimage
@@ -99,3 +100,15 @@ def test_the_farthest_are_named_first():
     said = _named(found)
     assert said.startswith("views[1] by 4.0 to the left and 2.0 down, views[0] by 1.0 to the right")
     assert "views[2]" not in said
+
+
+def test_shifts_are_kept_with_the_maps(tmp_path):
+    found = Shifts(np.array([[1.0, 0.0], [-4.0, 2.0], [0.2, 0.0]]), np.full((3, 2), 0.1), np.array([True, True, False]))
+    maps, _, _ = made_maps.bumpy()
+    dataclasses.replace(maps, shifts=found).write(tmp_path / "maps", suffix=".npy")
+    again = ds.read_maps(tmp_path / "maps").shifts
+    assert again is not None
+    for one, other in zip(again, found, strict=True):
+        np.testing.assert_array_equal(one, other)
+    maps.write(tmp_path / "still", suffix=".npy")
+    assert ds.read_maps(tmp_path / "still").shifts is None
