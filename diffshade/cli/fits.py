@@ -73,14 +73,14 @@ def _bands(typed: Options, source: Source) -> ds.PredictionBands:
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo; of maps: it was left out")
-@click.option("--title", help="Of maps: title of the page  [default: the folder's name]")
-@click.option("--full", is_flag=True, help="Of maps: keep all numbers fine; a page about four times as large")
-@click.option("--embed", is_flag=True, help="Of maps: the picture and its dial alone, for a frame in another page")
+@click.option("--title", help="Of maps: a title  [default: the folder's name]")
+@click.option("--full", is_flag=True, help="Of maps: all numbers finely, in a large page")
+@click.option("--embed", is_flag=True, help="Of maps: picture and dial alone, for an <iframe>")
 @with_json
 def report(
     typed: Options, out: Path, quick: bool, hold_out: int | None, title: str | None, full: bool, embed: bool
 ) -> None:
-    """Fit, and write a report as an HTML page. SOURCE: a folder of photographs, or a scene or maps with PHOTOS."""
+    """Write an HTML page. SOURCE: a folder, or a scene or maps with PHOTOS."""
     import diffshade as ds
 
     from ..report.page.checks import check_page
