@@ -118,8 +118,9 @@ def write_maps_page(
     numbers, white = numbers_of(maps, heights), white_of(maps, photographs.every)
     lightings = _lightings(maps, photographs)
     stage = stage_of(maps, lightings, white, numbers.factor)
-    first = lightings[_first(stage["views"])]
-    layers, planes = layers_of(numbers, None if form.full else STEP * _reflectance_of_white(stage["views"]))
+    brightness = _brightness(stage["views"])
+    first = _first(brightness)
+    layers, planes = layers_of(numbers, None if form.full else STEP / (float(np.median(brightness)) or 1.0))
     beside = [] if form.embed else photographs.some(form.of(MOST_PHOTOGRAPHS))
     _name(stage["views"], photographs, beside)
     report_progress("predictions")
@@ -132,7 +133,7 @@ def write_maps_page(
         SCRIPTS,
         title=form.title or f"An object of {int((maps.status != OUTSIDE).sum()):,} texels",
         embed=form.embed,
-        still=still_of(maps, first.lit, first.exposure, white),
+        still=still_of(maps, lightings[first].lit, lightings[first].exposure, white),
         lead=tables.lead(maps),
         facts=tables.facts(maps, len(photographs.fitted), len(photographs.left_out), predicted.off),
         view_groups=[
@@ -156,7 +157,7 @@ def write_maps_page(
         charts=_charts(predicted),
         factor=numbers.factor,
         packed=tables.packed(numbers, layers, picture_off(maps, numbers, layers, white)),
-        scene=as_script({"first": _first(stage["views"]), **_scene(numbers, layers, planes, stage, overlays)}),
+        scene=as_script({"first": first, **_scene(numbers, layers, planes, stage, overlays)}),
         shaders={name: shader(f"maps/{name}.glsl", stage["lobes"], stage["laws"]) for name in SHADERS},
         files={f"{name}-{k}": file for name, of in planes.items() for k, file in enumerate(of)}
         | _jpegs(photographs, beside, white),
@@ -192,15 +193,13 @@ def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
     return [Lighting(view.lit, float(view.exposure), float(view.black)) for view in photographs.every]
 
 
-def _reflectance_of_white(views: Sequence[dict[str, Any]]) -> float:
-    """Return the reflectance that the page shows as white, facing the light of the median view."""
-    each = [view["gain"] * max(view["arriving"]) for view in views]
-    return 1.0 / (float(np.median(each)) or 1.0)
+def _brightness(views: Sequence[dict[str, Any]]) -> Float[np.ndarray, " views"]:
+    """Return what a reflectance of 1 that faces each view's light shows, 1 being white."""
+    return np.array([view["gain"] * max(view["arriving"]) for view in views])
 
 
-def _first(views: Sequence[dict[str, Any]]) -> int:
+def _first(brightness: Float[np.ndarray, " views"]) -> int:
     """Return the first view that is not brighter than most, with which the page opens: white is that of the median."""
-    brightness = np.array([view["gain"] * max(view["arriving"]) for view in views])
     return int(np.argmax(brightness <= np.median(brightness)))
 
 
