@@ -74,12 +74,9 @@ def _bands(typed: Options, source: Source) -> ds.PredictionBands:
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo; of maps: it was left out")
 @click.option("--title", help="Of maps: a title  [default: the folder's name]")
-@click.option("--full", is_flag=True, help="Of maps: all numbers finely, in a large page")
-@click.option("--embed", is_flag=True, help="Of maps: picture and dial alone, for an <iframe>")
+@click.option("--full/--embed", default=None, help="Of maps: every number, or picture and dial alone")
 @with_json
-def report(
-    typed: Options, out: Path, quick: bool, hold_out: int | None, title: str | None, full: bool, embed: bool
-) -> None:
+def report(typed: Options, out: Path, quick: bool, hold_out: int | None, title: str | None, full: bool | None) -> None:
     """Write an HTML page. SOURCE: a folder, or a scene or maps with PHOTOS."""
     import diffshade as ds
 
@@ -87,10 +84,10 @@ def report(
 
     check_page(out)
     if is_maps(typed.source):
-        report_maps(typed, out, hold_out, title or typed.source.resolve().name, quick=quick, full=full, embed=embed)
+        report_maps(typed, out, hold_out, title or typed.source.resolve().name, quick=quick, full=full)
         return
-    if unused := [name for name, given in (("--title", title), ("--full", full), ("--embed", embed)) if given]:
-        raise ValueError(f"{', '.join(unused)} belong to a page of maps; got them with {typed.source}. Leave them out.")
+    if title or full is not None:
+        raise ValueError(f"--title, --full and --embed are of maps; got one with {typed.source}. Leave it out.")
     every = typed.read()
     seen, left_out = divided(len(every.views), hold_out)
     source, held = every.only(seen), every.only(left_out)

@@ -91,9 +91,7 @@ def is_maps(source: Path) -> bool:
     return any((source / name).is_file() for name in ("maps.toml", "run.json"))
 
 
-def report_maps(
-    typed: Options, out: Path, hold_out: int | None, title: str, *, quick: bool, full: bool, embed: bool
-) -> None:
+def report_maps(typed: Options, out: Path, hold_out: int | None, title: str, *, quick: bool, full: bool | None) -> None:
     """Write the page of the maps in a folder, with the folder of their photographs if one is given after it."""
     import diffshade as ds
 
@@ -121,8 +119,8 @@ def report_maps(
         held_out=[views[i] for i in left_out],
         titles=[names[i] for i in (*seen, *left_out)],
         title=title,
-        full=full,
-        embed=embed,
+        full=bool(full),
+        embed=full is False,
         progress=True,
     )
     about = {"photographs": [names[i] for i in seen], "left_out": [names[i] for i in left_out], "notes": maps.notes}

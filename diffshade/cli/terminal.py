@@ -40,8 +40,13 @@ class Command(click.Command):
         return option
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        apart = formatter.getvalue().count("\n") < LINES - 1
-        formatter.write("\n" * apart + f"  {self.epilog}\n" if self.epilog else "")
+        formatter.write(f"\n  {self.epilog}\n" if self.epilog else "")
+
+    def get_help(self, ctx: click.Context) -> str:
+        lines = super().get_help(ctx).splitlines()
+        while len(lines) > LINES and "" in lines:
+            del lines[-1 - lines[::-1].index("")]
+        return "\n".join(lines)
 
 
 SETTINGS: Any = {"cls": Command, "context_settings": {"help_option_names": ["-h", "--help"]}}

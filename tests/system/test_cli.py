@@ -108,7 +108,7 @@ def test_help_fits_a_screen_and_has_an_example_that_the_command_takes(typed, com
     done = typed(*command.split(), "--help")
     assert done.status == 0
     lines = done.out.splitlines()
-    assert len(lines) <= (26 if command == "report" else 24)  # it has the options of fits and of maps
+    assert len(lines) <= 24
     assert max(map(len, lines)) <= 80
     assert re.search(rf"^ *Example: diffshade {command}", done.out, re.MULTILINE)
     if command:
