@@ -18,47 +18,36 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Scenes
 
-`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `Mesh`, `GBuffer`, `read_mesh`, `read_mesh_parts`, `frame_mesh`,
-`normal_map`, `height_map`, `Camera`, `OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`,
-`write_scene`
+`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `Mesh`, `GBuffer`, `normal_map`, `height_map`, `Camera`,
+`OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`, `write_scene`
 
 ## Materials
 
 `Material`, `Highlight`, `Phong`, `Blinn`, `Brushed`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `Texture`,
-`material`, `material_names`, `measured_material_names`, `material_error`, `MaterialError`, `with_lobe`, `Refit`
+`material`, `material_names`, `measured_material_names`
 
 ## Lights
 
-`PointLight`, `DirectionalLight`, `SpotLight`, `AreaLight`, `MeasuredLight`, `Profile`, `LampLabel`,
-`RadialAttenuation`, `Flaps`, `read_lamp`, `draw_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`, `calibrate`,
-`Calibration`, `apply_lights`, `AppliedLights`, `draw_calibration`
+`PointLight`, `DirectionalLight`, `SpotLight`, `AreaLight`, `RadialAttenuation`, `Flaps`
 
 ## Pictures
 
-`render`, `shade`, `intersect`, `read_image`, `write_image`, `read_mask`, `open_image`, `LazyImage`, `srgb_encode`,
-`srgb_decode`, `write_figures`
+`render`, `shade`, `intersect`, `read_image`, `write_image`, `read_mask`, `open_image`, `srgb_encode`, `srgb_decode`
 
 ## Fits
 
-`View`, `Noise`, `Sensor`, `Vignetting`, `fit`, `Fit`, `Prediction`, `fit_function`, `FitFunction`, `FittedValues`,
-`Grey`, `Proportional`, `read_photographs`, `merge_exposures`, `MergedExposures`, `sensitivity`, `image_sensitivity`,
-`draw_comparison`, `write_comparison`, `write_report`, `LostProcess`
+`View`, `Noise`, `Sensor`, `Vignetting`, `fit`, `Fit`, `fit_function`, `Grey`, `Proportional`, `read_photographs`,
+`merge_exposures`, `fit_texels`, `TexelMaps`, `read_maps`, `LostProcess`
 
 ## What a fit can tell
 
-`examine`, `Examination`, `forecast`, `Forecast`, `compare`, `ModelChoice`, `plan`, `Plan`, `Shot`, `bootstrap`,
-`fit_bands`, `PredictionBands`
+`examine`, `forecast`, `compare`, `plan`, `Shot`, `bootstrap`, `fit_bands`, `sensitivity`, `image_sensitivity`,
+`draw_comparison`, `write_comparison`, `write_report`
 
-## Texels
+## Rooms
 
-`fit_texels`, `TexelMaps`, `read_maps`, `integrate_normals`, `HeightMap`, `height_mesh`, `HeightMesh`,
-`find_lights`, `FoundLights`,
-`find_response`, `FoundResponse`
-
-## Other programs
-
-`write_material`, `Exported`, `write_mesh`, `ExportedMesh`, `write_rti`,
-`ExportedRti`, `read_rti`, `RelightableImage`, `photographs_of`, `read_material`, `read_materials`, `read_lights`
+`lights` of photographs, measured `lamps`, `heights` from normals, `exchange` with other programs, the figures of a
+`lecture`; and `extension`, for lobes, lights and laws of your own.
 """
 
 

@@ -8,13 +8,16 @@ beside the pages. The topics are those of diffshade's own docstring.
 from __future__ import annotations
 
 import argparse
+import importlib
+import inspect
 import json
 import os
 import re
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from html import unescape
 from pathlib import Path
+from types import ModuleType
 
 try:
     import latex2mathml.converter  # noqa: F401 - for the formulas of pdoc
@@ -53,18 +56,62 @@ TEXTS = (
     ("CONTRIBUTING.md", "contributing.html", "Working on it"),
     ("CHANGELOG.md", "changelog.html", "Changes"),
 )
-NAMES = "diffshade.html"
+ROOMS = {
+    "lights": "Lights of photographs",
+    "lamps": "Measured lamps",
+    "heights": "Heights",
+    "exchange": "Files of other programs",
+    "lecture": "Figures of a lecture",
+    "extension": "Parts of your own",
+}
 
 
 def topics() -> dict[str, list[str]]:
-    """Return the public names by topic, as the package's docstring lists them."""
+    """Return the public names at the top by topic, as the package's docstring lists them."""
     _, *parts = re.split(r"^## (.+)\n", ds.__doc__ or "", flags=re.MULTILINE)
-    return {topic: re.findall(r"`(\w+)`", text) for topic, text in zip(parts[::2], parts[1::2], strict=True)}
+    found = {topic: re.findall(r"`(\w+)`", text) for topic, text in zip(parts[::2], parts[1::2], strict=True)}
+    return {topic: names for topic, names in found.items() if topic != "Rooms"}
+
+
+def public_names(room: ModuleType) -> list[str]:
+    """Return the names that a public module offers."""
+    names = [name for name, of in vars(room).items() if not name.startswith("_") and not inspect.ismodule(of)]
+    return getattr(room, "__all__", names)
+
+
+def modules() -> dict[str, dict[str, list[str]]]:
+    """Return the names that stand on the page of each public module, by topic, with the results of its functions.
+
+    A result that nobody constructs is not a public name: it is documented after what returns it.
+    """
+    found = {"diffshade": topics()}
+    for room, title in ROOMS.items():
+        found[f"diffshade.{room}"] = {title: public_names(getattr(ds, room))}
+    public = {name for by_topic in found.values() for names in by_topic.values() for name in names}
+    for module, by_topic in found.items():
+        home = importlib.import_module(module)
+        for topic, names in by_topic.items():
+            by_topic[topic] = [of for name in names for of in (name, *_results(home, name, public))]
+        vars(home)["__all__"] = [name for names in by_topic.values() for name in names]  # what pdoc shows
+    return found
+
+
+def _results(home: ModuleType, name: str, public: set[str]) -> Iterator[str]:
+    """Put the classes that a name returns, and that are not documented yet, into its module, and yield their names."""
+    owner = getattr(home, name)
+    for member in [owner] if inspect.isfunction(owner) else vars(owner).values() if inspect.isclass(owner) else []:
+        returned = member.__annotations__.get("return", "") if inspect.isfunction(member) else ""
+        for word in re.findall(r"\w+", str(returned)):
+            made = written.class_named(word)
+            if made is not None and word not in public and not word.startswith("Abstract"):
+                public.add(word)
+                setattr(home, word, made)
+                yield from (word, *_results(home, word, public))
 
 
 def is_shown(doc: pdoc.doc.Doc) -> bool:
     """Whether a member of a class stands on the page: what a user calls or reads, not how classes work together."""
-    owner = getattr(ds, doc.qualname.partition(".")[0])
+    owner = written.owner(doc)
     made_by_user = hasattr(owner, "check_together")
     if "." not in doc.qualname:
         return True
@@ -106,14 +153,15 @@ def text(source: str) -> str:
     return re.sub(r"\]\(([\w./-]+\.md)(#[\w-]+)?\)", link, found)
 
 
-def link_code(html: str, names: Collection[str]) -> str:
+def link_code(html: str, pages: Mapping[str, Collection[str]]) -> str:
     """Link code such as `ds.fit` to the entry of its name, and let long names break after a dot or an underscore."""
 
     def link(found: re.Match[str]) -> str:
-        code, name = found[0], found[1]
-        return f'<a href="{NAMES}#{name}">{code}</a>' if name.partition(".")[0] in names else code
+        room, name = (f"diffshade.{found[1]}", found[2]) if found[1] else ("diffshade", found[2])
+        is_named = name.partition(".")[0] in pages[room]
+        return f'<a href="{room}.html#{name}">{found[0]}</a>' if is_named else found[0]
 
-    html = re.sub(r"<code>ds\.(\w+(?:\.\w+)?)[^<]*</code>", link, html)
+    html = re.sub(rf"<code>ds\.(?:({'|'.join(ROOMS)})\.)?(\w+(?:\.\w+)?)[^<]*</code>", link, html)
     return re.sub(r"<code>[\w.]{16,}</code>", lambda code: re.sub(r"(?<!>ds)[._]", r"\g<0><wbr>", code[0]), html)
 
 
@@ -145,8 +193,8 @@ def text_entries(html: str, page: str, title: str) -> Iterator[dict[str, str]]:
 
 def build(folder: Path) -> None:
     """Write every page, and the index of the search."""
-    names = [name for some in topics().values() for name in some]
-    ds.__all__ = names  # what pdoc shows  # pyright: ignore[reportAttributeAccessIssue]
+    found = modules()
+    names = {module: {name for of in by_topic.values() for name in of} for module, by_topic in found.items()}
     pdoc.render_helpers.markdown_extensions["latex"] = None
     pdoc.render.env.tests["shown"] = is_shown
     pdoc.render.env.filters |= {
@@ -157,12 +205,15 @@ def build(folder: Path) -> None:
     }
     dark = HtmlFormatter(style="github-dark").get_style_defs(".pdoc-code")
     menu = [(page, title) for _, page, title in TEXTS]
-    menu.insert(1, (NAMES, "All names"))
-    pdoc.render.env.globals |= {"topics": topics(), "dark_code": Markup(dark), "menu": menu, "module": None}
+    menu[1:1] = [(f"{module}.html", "Names at the top" if module == "diffshade" else module[10:]) for module in found]
+    pdoc.render.env.globals |= {"dark_code": Markup(dark), "menu": menu, "module": None}
     pdoc.render.configure(docformat="markdown", show_source=False, template_directory=ROOT / "docs")
-    module = pdoc.doc.Module(ds)
-    (folder / NAMES).write_text(pdoc.render.html_module(module, {"diffshade": module}), encoding="utf-8")
-    entries = [entry for name in names for entry in member_entries(module.members[name])]
+    entries: list[dict[str, str]] = []
+    for name, by_topic in found.items():
+        pdoc.render.env.globals |= {"topics": by_topic, "page": f"{name}.html"}
+        module = pdoc.doc.Module(importlib.import_module(name))
+        (folder / f"{name}.html").write_text(pdoc.render.html_module(module, {name: module}), encoding="utf-8")
+        entries += [entry for of in names[name] for entry in member_entries(module.members[of])]
     template = pdoc.render.env.get_template("text.html.jinja2")
     for source, page, title in TEXTS:
         markdown = text(source)

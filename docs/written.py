@@ -6,13 +6,12 @@ import ast
 import dataclasses
 import inspect
 import re
+import sys
 import textwrap
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 import pdoc.doc
-
-import diffshade as ds
 
 
 class Words:
@@ -25,11 +24,23 @@ class Words:
         return self.text
 
 
+def owner(doc: pdoc.doc.Doc[Any]) -> Any:
+    """Return the public name that a member is of, or that it is."""
+    return getattr(sys.modules[doc.modulename], doc.qualname.partition(".")[0])
+
+
+def class_named(name: str) -> type | None:
+    """Return a class of diffshade by its name, which no two have."""
+    for module, of in list(sys.modules.items()):
+        if module.startswith("diffshade.") and getattr(vars(of).get(name), "__module__", "") == module:
+            return vars(of)[name] if inspect.isclass(vars(of)[name]) else None
+    return None
+
+
 def signature(doc: pdoc.doc.Function) -> inspect.Signature:
     """Return the signature of a function or method, or of a class for its constructor."""
-    owner, _, name = doc.qualname.rpartition(".")
-    if name == "__init__" and not _has_own_constructor(getattr(ds, owner)):
-        return _of_class(getattr(ds, owner))
+    if doc.name == "__init__" and not _has_own_constructor(owner(doc)):
+        return _of_class(owner(doc))
     function = inspect.unwrap(doc.obj if not isinstance(doc.obj, staticmethod | classmethod) else doc.obj.__func__)
     node = _source(function)
     written = {arg.arg: arg.annotation for arg in ast.walk(node) if isinstance(arg, ast.arg)}
@@ -40,10 +51,11 @@ def signature(doc: pdoc.doc.Function) -> inspect.Signature:
 
 def annotation(doc: pdoc.doc.Variable) -> str:
     """Return the annotation of a field or a property, with the colon before it; "" where there is none."""
-    owner, _, name = doc.qualname.rpartition(".")
-    member = inspect.getattr_static(getattr(ds, owner), name, None)
+    if "." not in doc.qualname:
+        return ""
+    member = inspect.getattr_static(owner(doc), doc.name, None)
     getter = getattr(member, "fget", None) or getattr(member, "func", None)
-    node = _source(getter).returns if getter else dict(_fields(getattr(ds, owner))).get(name)
+    node = _source(getter).returns if getter else dict(_fields(owner(doc))).get(doc.name)
     return f": {ast.unparse(node)}" if node else ""
 
 
@@ -78,11 +90,12 @@ def _words(node: ast.expr | None) -> Any:
     return inspect.Parameter.empty if node is None else Words(ast.unparse(node))
 
 
-def link_names(html: str, names: Collection[str]) -> str:
-    """Link those of some names that are highlighted."""
+def link_names(html: str, pages: Mapping[str, Collection[str]]) -> str:
+    """Link those names that are highlighted and stand on the page of a module."""
 
     def link(found: re.Match[str]) -> str:
         name = found[1]
-        return f'<a href="#{name}">{name}</a>' if name in names else found[0]
+        page = next((f"{module}.html" for module, names in pages.items() if name in names), None)
+        return f'<a href="{page}#{name}">{name}</a>' if page else found[0]
 
     return re.sub(r'<span class="n[nc]?">(\w+)</span>', link, html)

@@ -20,6 +20,10 @@ from .terminal import FILE, SETTINGS, Names, answer, with_json
 if TYPE_CHECKING:
     import diffshade as ds
 
+    from ..diagnosis.examination import Examination
+    from ..diagnosis.model_choice import ModelChoice
+    from ..diagnosis.prediction_bands import PredictionBands
+
 MODELS = ("phong", "blinn", "matte")
 
 
@@ -57,7 +61,7 @@ def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None) -> None:
     )
 
 
-def _bands(typed: Options, source: Source) -> ds.PredictionBands:
+def _bands(typed: Options, source: Source) -> PredictionBands:
     """Fit all views of a source, and again without groups of them."""
     import diffshade as ds
 
@@ -166,7 +170,7 @@ def plan(typed: Options, aim: tuple[str, ...], lights: Path | None) -> None:
     answer([source.encodings, ranked], _photographs(source), ranked, data)
 
 
-def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fit | None = None) -> ds.ModelChoice:
+def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fit | None = None) -> ModelChoice:
     """Fit each model to the photographs, unless it is the `known` fit, and compare them."""
     import equinox as eqx
     import numpy as np
@@ -232,7 +236,7 @@ def _photographs(source: Source) -> dict[str, Any]:
     return {"photographs": source.names, "read_as": source.encodings.names}
 
 
-def _fit_data(found: ds.Fit, source: Source, examination: ds.Examination | None = None) -> dict[str, Any]:
+def _fit_data(found: ds.Fit, source: Source, examination: Examination | None = None) -> dict[str, Any]:
     """Return the results of a fit for JSON, or of its examination: a parameter is null where it is not determined."""
     import numpy as np
 

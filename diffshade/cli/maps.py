@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     import diffshade as ds
 
+    from ..diagnosis.prediction_bands import PredictionBands
+    from ..texels.lights.response import FoundResponse
+
 FREE = ("k_d", "k_s", "n_s")
 MISPREDICTED = MOST / 2.0  # relative error of predictions that is much: most objects have a tenth
 CAUSES = (
@@ -143,13 +146,13 @@ def _medians(maps: ds.TexelMaps) -> dict[str, np.ndarray | None]:
     return {name: np.median(value, axis=0) if len(value) else None for name, value in trusted.items()}
 
 
-def _response(scene: ds.Scene, views: list[ds.View]) -> ds.FoundResponse:
+def _response(scene: ds.Scene, views: list[ds.View]) -> FoundResponse:
     """Return the gamma of photographs, which these must determine."""
     import numpy as np
 
     import diffshade as ds
 
-    response = ds.find_response(scene, views, progress=True)
+    response = ds.lights.find_response(scene, views, progress=True)
     if not np.isfinite(response.error):
         raise ValueError("these photographs do not determine gamma. Leave gamma out of --free.")
     return response
@@ -171,7 +174,7 @@ class TexelFit:
     align: bool
     bands: bool
 
-    def maps(self) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
+    def maps(self) -> tuple[ds.TexelMaps, PredictionBands | None]:
         """Return the maps, and the bands."""
         import diffshade as ds
 
@@ -241,7 +244,7 @@ def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
 
 
 def on_bands(
-    bands: ds.PredictionBands | None, held: Sequence[ds.View], names: Sequence[str]
+    bands: PredictionBands | None, held: Sequence[ds.View], names: Sequence[str]
 ) -> tuple[str | None, dict[str, Any] | None]:
     """Return as text and for JSON how many samples of the photographs that were left out lie inside their bands."""
     import numpy as np
@@ -260,7 +263,7 @@ def on_bands(
     return said, {**as_json(bands), "inside": dict(zip(names, coverage, strict=True))}
 
 
-def integrated(maps: ds.TexelMaps) -> ds.HeightMap:
+def integrated(maps: ds.TexelMaps) -> ds.heights.HeightMap:
     """Integrate the normals of maps, or the ones that were known."""
     import numpy as np
 
@@ -273,4 +276,4 @@ def integrated(maps: ds.TexelMaps) -> ds.HeightMap:
         surface = maps.scene.objects[0].surface
         assert isinstance(surface, ds.GBuffer)
         normal, errors = np.asarray(surface.normal), None
-    return ds.integrate_normals(normal, maps.camera, mask=inside, errors=errors, progress=True)
+    return ds.heights.integrate_normals(normal, maps.camera, mask=inside, errors=errors, progress=True)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import diffshade as ds
 
+    from ..exchange.material_files import Exported
+
 STARTER = """\
 # A scene for diffshade: {about}
 # Lengths are in any unit, angles in degrees. Colours are linear: three numbers (R, G, B), or one for grey.
@@ -114,14 +116,14 @@ def find_material(word: str) -> ds.Material:
     """Return the material of a file, or the one that `ds.material` has by this name."""
     import diffshade as ds
 
-    return ds.read_material(word) if Path(word).suffix else ds.material(word)
+    return ds.exchange.read_material(word) if Path(word).suffix else ds.material(word)
 
 
 def find_materials(word: str) -> Mapping[str, ds.Material]:
     """Return all materials of a file, or the one that `ds.material` has by this name."""
     import diffshade as ds
 
-    return ds.read_materials(word) if Path(word).suffix else {word: ds.material(word)}
+    return ds.exchange.read_materials(word) if Path(word).suffix else {word: ds.material(word)}
 
 
 def starter(file: Path, material: ds.Material, about: str) -> str:
@@ -158,28 +160,30 @@ def check_out(paths: Iterable[Path], given: Iterable[Path]) -> None:
         writable(path)
 
 
-def put_material(path: Path, material: ds.Material, *, name: str = "", about: str = "") -> ds.Exported | Path:
+def put_material(path: Path, material: ds.Material, *, name: str = "", about: str = "") -> Exported | Path:
     """Write a material for another program, or (.toml) on a ball in a scene, depending on the suffix."""
     import diffshade as ds
 
     from ..io.files import replacing
 
     if path.suffix.lower() != ".toml":
-        return ds.write_material(path, material, name=name or word_of(path))
+        return ds.exchange.write_material(path, material, name=name or word_of(path))
     text = starter(path, material, about or f"a ball of {word_of(path)}.")
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
 
 
-def put_materials(path: Path, materials: Mapping[str, ds.Material]) -> ds.Exported | Path:
+def put_materials(path: Path, materials: Mapping[str, ds.Material]) -> Exported | Path:
     """Write materials for another program, or (.toml) on balls in a scene, depending on the suffix."""
     import diffshade as ds
 
     if len(materials) == 1:
         ((name, material),) = materials.items()
         return put_material(path, material, name=name)
-    return _put_balls(path, materials) if path.suffix.lower() == ".toml" else ds.write_material(path, materials)
+    return (
+        _put_balls(path, materials) if path.suffix.lower() == ".toml" else ds.exchange.write_material(path, materials)
+    )
 
 
 def _put_balls(path: Path, materials: Mapping[str, ds.Material]) -> Path:

@@ -152,7 +152,7 @@ class FitFunction(eqx.Module):
 
         return jax.lax.custom_root(gradient, jnp.asarray(self.start), solved, _inverse_of, has_aux=True)
 
-    def search(self, targets: Array) -> tuple[Point, Array]:
+    def _search(self, targets: Array) -> tuple[Point, Array]:
         """Return the minimum and whether the solver converged, from the best of the points that are tried."""
         chunk = eqx.tree_at(lambda c: c.observed.target, self.chunk, targets)
         theta, projects = jnp.asarray(self.start), self.model.projects
@@ -189,13 +189,13 @@ class FitFunction(eqx.Module):
 
 @jax.custom_batching.custom_vmap
 def _searched(function: FitFunction, targets: Array) -> tuple[Point, Array]:
-    return function.search(targets)
+    return function._search(targets)
 
 
 @_searched.def_vmap
 def _(size: int, batched: tuple, function: FitFunction, targets: Array) -> tuple:
     """Search for a few at once: none of the others then waits for the slowest of all."""
-    found = jax.lax.map(function.search, targets, batch_size=min(size, TOGETHER))
+    found = jax.lax.map(function._search, targets, batch_size=min(size, TOGETHER))
     return found, jax.tree.map(lambda _: True, found)
 
 

@@ -6,6 +6,7 @@ from scenarios import SIGMA, noisy_fit
 from synthetic import CAMERA, FREE, TIED, one_light_each, standard_scene
 
 import diffshade as ds
+from diffshade.diagnosis.forecasting import Forecast
 
 BLANK = np.zeros((*CAMERA.shape, 3))
 
@@ -35,9 +36,7 @@ def test_a_photograph_counts_as_often_as_it_will_be_taken():
 
 
 def test_what_is_not_determined_has_no_number():
-    said = ds.Forecast(
-        ("k_d", "n_s"), np.array([0.5, 20.0]), np.array([0.01, np.inf]), np.array([True, False]), ("Fix.",)
-    )
+    said = Forecast(("k_d", "n_s"), np.array([0.5, 20.0]), np.array([0.01, np.inf]), np.array([True, False]), ("Fix.",))
     title, head, k_d, n_s, note = str(said).splitlines()
     assert title.startswith("forecast")
     assert head.split() == ["parameter", "value", "error"]

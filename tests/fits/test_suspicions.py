@@ -18,7 +18,7 @@ import diffshade as ds
 from diffshade.core.backend import in_float64
 from diffshade.core.tables import rounded
 from diffshade.core.words import Note
-from diffshade.diagnosis.examination import summarise
+from diffshade.diagnosis.examination import Examination, summarise
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.diagnosis.suspicions import Suspicion, _as_suspicions, corrected_for, suspicions
 from diffshade.inverse.misfit.changes import Case, Move
@@ -36,7 +36,7 @@ PATCH[9:15, 8:14] = True
 
 
 @cache
-def examined() -> ds.Examination:
+def examined() -> Examination:
     return ds.examine(noisy_fit())
 
 

@@ -19,17 +19,18 @@ from synthetic import (
 )
 
 import diffshade as ds
+from diffshade.diagnosis.forecasting import Forecast
 from diffshade.inverse.verdicts.stability import angle_to_highlight
 
 SIGMA = 0.005
 
 
-def not_told(fit: ds.Fit | ds.Forecast) -> set[str]:
+def not_told(fit: ds.Fit | Forecast) -> set[str]:
     """The quantities of which the table gives no number in some channel."""
     return {name.rsplit(".", 1)[0] for name, known in zip(fit.names, fit.determined, strict=True) if not known}
 
 
-def assert_not_told(fit: ds.Fit | ds.Forecast, *names: str) -> None:
+def assert_not_told(fit: ds.Fit | Forecast, *names: str) -> None:
     assert not_told(fit) == set(names)
     for name, known in zip(fit.names, fit.determined, strict=True):
         (line,) = [line for line in str(fit).splitlines() if line.startswith(f"{name} ")]

@@ -18,6 +18,7 @@ import jax.extend
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from public_names import PUBLIC
 
 import diffshade as ds
 from diffshade.core.fields import _KINDS, Checked
@@ -89,9 +90,11 @@ def smooth_pixels(image, flat):
 def brightness(name):
     """The numbers of a scene and its camera, flat and as a tree, and of the former a sum over the smooth pixels."""
     free = jax.tree.map(
-        lambda leaf: not isinstance(leaf, ds.Profile) and leaf.dtype != bool,  # a lamp's table is measured, not fitted
+        lambda leaf: (
+            not isinstance(leaf, ds.lamps.Profile) and leaf.dtype != bool
+        ),  # a lamp's table is measured, not fitted
         SCENES[name],
-        is_leaf=lambda node: isinstance(node, ds.Profile),
+        is_leaf=lambda node: isinstance(node, ds.lamps.Profile),
     )
     numbers, rest = eqx.partition(SCENES[name], free)
     flat, unravel = ravel_pytree(numbers)
@@ -171,10 +174,10 @@ AREA = ds.AreaLight(
     (-1.2, 2.3, 1), (1, 0.1, 0.3), (0.2, -0.3, 1.1), (5, 6, 7), exponent=1.5, attenuation=ATTENUATION, samples=(2, 1)
 )
 FLAPS = ds.Flaps(-0.7, 0.9, -0.9, 0.7, 0.1, 1.4, softness=0.9)
-MEASURED = ds.MeasuredLight(
+MEASURED = ds.lamps.MeasuredLight(
     (-1, 1.7, 2.2),
     (0.4, -0.9, -1.3),
-    ds.Profile((0, 25, 60, 110, 180), (0, 100, 220, 360), [[3, 2.5, 1, 0.4, 0], [3, 2, 1.5, 0.2, 0]] * 2),
+    ds.lamps.Profile((0, 25, 60, 110, 180), (0, 100, 220, 360), [[3, 2.5, 1, 0.4, 0], [3, 2, 1.5, 0.2, 0]] * 2),
     (2, 3, 4),
     ATTENUATION,
     side=(1, 0.3, 0.1),
@@ -699,7 +702,7 @@ power of ten and at least 1e-09; at pixels where each comparison that the progra
 def numeric_fields():
     """Every numeric field of the model's public classes, `Class.field`; some classes belong to fits."""
     found, of_fits = [], (ds.View, ds.Noise, ds.Sensor, ds.Vignetting, ds.Shot)
-    for name, kind in ((name, getattr(ds, name)) for name in dir(ds)):
+    for name, kind in PUBLIC.items():
         if inspect.isclass(kind) and issubclass(kind, Checked) and kind not in of_fits:
             for field in dataclasses.fields(kind):
                 if field.metadata.get("converter") in _KINDS or (kind is ds.GBuffer and field.name != "mask"):

@@ -23,6 +23,7 @@ from synthetic import (
 )
 
 import diffshade as ds
+from diffshade.diagnosis.forecasting import Forecast
 
 SIGMA = 0.005
 OF_MATERIAL = ("k_a", "k_d", "k_s", "n_s")
@@ -81,7 +82,7 @@ def fit_of_two_objects() -> ds.Fit:
     return ds.fit(forget(two_objects()), ds.View(photograph(two_objects()), CAMERA), free="material")
 
 
-def row(fit: ds.Fit | ds.Forecast, name: str) -> str:
+def row(fit: ds.Fit | Forecast, name: str) -> str:
     """Return what the printed table says of an unknown."""
     (line,) = [line for line in str(fit).splitlines() if line.startswith(f"{name} ")]
     return line.removeprefix(name).strip()

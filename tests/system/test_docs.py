@@ -1,12 +1,14 @@
 """The documentation's sources: public names, what functions refuse, links of texts, and the page of the lectures."""
 
 import functools
+import importlib
 import inspect
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
+from public_names import PUBLIC, ROOMS, TOP
 
 import diffshade as ds
 from diffshade.report.lecture import FIGURES
@@ -19,18 +21,25 @@ ROWS = [
     for line in re.findall(r"^\| .+ \|$", LECTURES, re.MULTILINE)
     if not line.startswith("| concept ")
 ]
-PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
+FUNCTIONS = {name: of for name, of in PUBLIC.items() if inspect.isfunction(of)}
 
 
 def test_the_package_lists_every_public_name_under_one_topic():
     listed = re.findall(r"`(\w+)`", (ds.__doc__ or "").partition("\n## ")[2])
-    assert sorted(listed) == sorted(PUBLIC)
+    assert sorted(listed) == sorted(dir(ds)) == sorted({*TOP, *ROOMS})
 
 
-@pytest.mark.parametrize("name", [name for name, value in PUBLIC.items() if inspect.isfunction(value)])
+def test_a_public_room_is_imported_as_a_module_and_says_what_is_in_it():
+    assert {"lights", "lamps", "heights", "exchange", "lecture", "extension"} == set(ROOMS)
+    for name, room in ROOMS.items():
+        assert importlib.import_module(f"diffshade.{name}") is room
+        assert room.__doc__
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_function_says_what_it_raises(name):
-    if inspect.signature(PUBLIC[name]).parameters:  # what takes nothing refuses nothing
-        assert re.search(r"\b[Rr]aises\b", PUBLIC[name].__doc__)
+    if inspect.signature(FUNCTIONS[name]).parameters:  # what takes nothing refuses nothing
+        assert re.search(r"\b[Rr]aises\b", FUNCTIONS[name].__doc__)
 
 
 @pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.name)

@@ -17,6 +17,7 @@ from synthetic import photograph
 
 import diffshade as ds
 from diffshade.core.progress import silent
+from diffshade.diagnosis.model_choice import ModelChoice
 from diffshade.report.page.ball import ball_scene
 from diffshade.report.page.residuals import collect_residuals, curve
 from diffshade.report.page.writing import MOST_SHOTS, MOST_VIEWS
@@ -90,7 +91,7 @@ def test_it_runs_nothing_but_its_own_scripts_and_asks_for_nothing(page):
 
 def choice_of(name):
     one, number = np.ones(2), np.ones(2, int)
-    return ds.ModelChoice((name, "other"), one, one, number, 0 * one, one, one, one > 2, one, 3, "3 views", (name,))
+    return ModelChoice((name, "other"), one, one, number, 0 * one, one, one, one > 2, one, 3, "3 views", (name,))
 
 
 @pytest.mark.thorough

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from public_names import PUBLIC
 from refusals import untyped
 
 import diffshade as ds
@@ -118,8 +119,7 @@ UNTYPED = {  # what type checks around every call would catch first
 
 
 def made(call):
-    names = {name: getattr(ds, name) for name in dir(ds)}  # not vars: names are imported when they are asked for
-    return eval(call, names | {"nan": np.nan, "inf": np.inf, "jax": jnp.array, "np": np})
+    return eval(call, PUBLIC | {"nan": np.nan, "inf": np.inf, "jax": jnp.array, "np": np})
 
 
 @pytest.mark.parametrize("call", BAD)

@@ -10,6 +10,7 @@ from bumpy import bumpy
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
+from diffshade.io.lazy_images import LazyImage
 from diffshade.texels.lighting import Shifts
 from diffshade.texels.lights.shifts import _moved_back, _named, undone_shifts
 from diffshade.texels.tiles import ViewReader
@@ -82,7 +83,7 @@ def test_what_comes_from_outside_or_is_clipped_does_not_count(lazily):
     image = 0.5 + 0.2 * np.sin(column / 4.0)[..., None] * np.cos(row / 5.0)[..., None] * np.ones(3)
     image[30:32, 30] = 1.0
     camera = ds.OrthographicCamera((0, 0, 4), shape=(40, 50), local_viewer=False)
-    given = ds.LazyImage(lambda first, last: image[first:last], image.shape, image.dtype) if lazily else image
+    given = LazyImage(lambda first, last: image[first:last], image.shape, image.dtype) if lazily else image
     back = _moved_back(ds.View(given, camera, saturation=1.0), np.array([2.5, -3.0]))
     assert back.mask is not None
     expected = 0.5 + 0.2 * np.sin((column + 2.5) / 4.0) * np.cos((row - 3.0) / 5.0)

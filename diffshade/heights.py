@@ -1,0 +1,6 @@
+"""Heights of an object from the normals of its texels, with errors, and their mesh."""
+
+from .texels.heights.integration import integrate_normals as integrate_normals
+from .texels.heights.map import HeightMap as HeightMap
+from .texels.heights.mesh import HeightMesh as HeightMesh
+from .texels.heights.mesh import height_mesh as height_mesh
