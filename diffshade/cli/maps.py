@@ -189,7 +189,7 @@ class TexelFit:
         errors, asked = self.found.light_errors, self.typed.light_error
         if asked is not None or errors is None or set(self.free) != {*FREE, "normal"} or self.typed.loss == "squares":
             return asked
-        return errors[list(self.seen)]
+        return errors
 
     def _fit_some(self, views: Sequence[ds.View]) -> ds.TexelMaps:
         import numpy as np
@@ -198,7 +198,6 @@ class TexelFit:
 
         every = self.found.views
         which = [k for k, i in enumerate(self.seen) if any(every[i] is view for view in views)]
-        error = self._light_error()
         memory: dict[str, Any] = {} if self.typed.memory is None else {"memory": int(self.typed.memory * 1e9)}
         return ds.fit_texels(
             self.found.scene,
@@ -209,7 +208,7 @@ class TexelFit:
             neighbours=self.neighbours,
             match_exposures=self.match_exposures,
             align=self.align,
-            light_error=error[which] if np.ndim(error) else error,
+            light_error=self._light_error(),
             out=self.out if len(which) == len(self.seen) else None,
             progress=True,
             **memory,

@@ -52,11 +52,11 @@ def fit(
     priors: Mapping[str, Sequence[Any]] | None = None,
     light_error: Float[ArrayLike, " lights"] | float | None = None,
     intensity_error: Float[ArrayLike, " lights"] | float | None = None,
-    loss: str = "squares",
+    loss: str | None = None,
     clipped: str = "hinge",
     start: str = "search",
-    memory: float | int = MEMORY,
-    mesh: Mesh | None = None,
+    memory: float = MEMORY,
+    devices: Mesh | None = None,
     progress: bool = False,
 ) -> Fit:
     r"""Fit the free numbers of a scene to photographs, by least squares over every pixel that shows an object.
@@ -97,12 +97,12 @@ def fit(
             deviation is that of log n_s.
         light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
             one for each light. Free directions and positions then have that prior, and begin at the scene's values;
-            of known ones it is part of the errors.
+            of known ones it is part of the errors. By default nothing is stated: free ones have no prior, and known
+            ones are taken to be exact.
         intensity_error: Relative standard deviation of the lights' intensities (.05 for 5 %): one number, or one for
-            each light. Free intensities then have that prior about the scene's values, in their logarithm; of known
-            ones it is part of the errors.
-        loss: `"squares"`; or, for outliers, `"huber"`, `"cauchy"` or `"geman-mcclure"`, whose scale is found from the
-            residuals' median unless the views' noise is known.
+            each light. As `light_error`, for intensities; the prior is of their logarithm.
+        loss: `"squares"`, the default; or, for outliers, `"huber"`, `"cauchy"` or `"geman-mcclure"`, whose scale is
+            found from the residuals' median unless the views' noise is known.
         clipped: How a sample at an end of the sensor's range counts. `"hinge"`: by a one-sided residual, since the true
             value is there or beyond. `"tobit"`: by the censored likelihood, which needs the views' noise; only this has
             no bias if many samples lie within the noise of the sensor's floor. `"exclude"`: its pixel is excluded.
@@ -110,7 +110,7 @@ def fit(
         memory: Bytes that the pixels may take, about 100 each; default 4e9. Of more pixels each view has its share,
             evenly spread over the image and over brightness, and a note says what that costs; lazy images
             (`open_image`) are never whole in memory.
-        mesh: A `jax.sharding.Mesh` whose devices share the pixels; by default one device has all.
+        devices: A `jax.sharding.Mesh` of the devices that share the pixels; by default one device has all.
         progress: Whether to show a line on the terminal.
 
     Returns:
@@ -124,9 +124,10 @@ def fit(
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
+    loss = "squares" if loss is None else loss
     check_choices(scene, views, constraints, loss, clipped, start)
-    check_scale(memory, mesh)
-    devices = [] if mesh is None else own_devices(mesh)
+    check_scale(memory, devices)
+    shared_by = [] if devices is None else own_devices(devices)
     check_backend()
     with (
         showing("fit", show=progress) as report_progress,
@@ -150,7 +151,7 @@ def fit(
         check_free(unknowns)
         report_progress("reading the views")
         problem = new_problem(scene, data, unknowns, loss, clipped, memory=memory)
-        laid, end = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
+        laid, end = solve(problem, from_scene=start == "scene", devices=shared_by, report_progress=report_progress)
         found, residuals = summarise(laid, end), whiteness(leftovers(laid, end.theta))
         del laid
         of_lights = stated_errors(found.scene, light_error, intensity_error)
@@ -201,7 +202,7 @@ def own_devices(mesh: Mesh) -> list[Any]:
     devices = list(mesh.devices.flat)
     if any(device.process_index != jax.process_index() for device in devices):
         raise ValueError(
-            "a fit runs in one process, but mesh has devices of several. Make the mesh of jax.local_devices()."
+            "a fit runs in one process, but devices has some of other processes. Make it of jax.local_devices()."
         )
     return devices
 
@@ -249,9 +250,9 @@ def check_choices(
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
 
 
-def check_scale(memory: Any, mesh: Any) -> None:
-    """Refuse a memory size or mesh of a wrong type or value."""
+def check_scale(memory: Any, devices: Any) -> None:
+    """Refuse a memory size or devices of a wrong type or value."""
     if isinstance(memory, bool) or not isinstance(memory, int | float | np.number) or not memory > 0:
         raise ValueError(f"memory must be a number of bytes above 0; got {memory!r}. Give for example 4e9.")
-    if mesh is not None:
-        check_kind("mesh", mesh, Mesh, "jax.sharding.Mesh(jax.devices(), ('devices',))")
+    if devices is not None:
+        check_kind("devices", devices, Mesh, "jax.sharding.Mesh(jax.devices(), ('devices',))")

@@ -8,13 +8,13 @@ from collections.abc import Iterable, Sequence
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Float, Int
+from jaxtyping import ArrayLike, Int
 
-from ..core.arrays import float64_of
 from ..core.fields import check, check_kind, refuse_traced
 from ..inverse.data.view_sets import ViewSet
-from ..inverse.data.views import View, is_grey
+from ..inverse.data.views import View, is_grey, lights_on
 from ..inverse.forward.losses import LOSSES
+from ..inverse.unknowns.light_priors import error_of_each
 from ..model.bands import refuse_bands
 from ..model.fresnel import NoFresnel
 from ..model.lobes import EXPONENT_RANGE, AbstractPowerLobe
@@ -53,41 +53,18 @@ def checked(
     return free
 
 
-def checked_light_error(light_error: ArrayLike, views: int, free: tuple[str, ...], loss: str | None) -> LightErrors:
-    """Return how well the lights are known, their brightness exactly; raise ValueError for a wrong error."""
-    given = float64_of("light_error", light_error)
-    if given.shape == (views, 3, 3):
-        root = _roots(given)
-    elif given.shape in ((), (views,)) and (np.isfinite(given) & (given >= 0.0)).all():
-        root = np.broadcast_to(np.deg2rad(given)[..., None, None], (views, 1, 1)) * np.eye(3)
-    else:
-        raise ValueError(
-            f"light_error must be one number of degrees, at least 0, one for each of the {views} views, or a "
-            f"covariance of shape ({views}, 3, 3); got {_in_short(given)}. Give for example light_error=1.0."
-        )
+def checked_light_error(
+    light_error: ArrayLike, scene: Scene, views: Sequence[View], free: tuple[str, ...], loss: str | None
+) -> LightErrors:
+    """Return how well the light of each view is known, its brightness exactly; raise ValueError for a wrong error."""
+    of_light = error_of_each("light_error", light_error, len(scene.lights), "1.0")
+    of_view = np.array([of_light[list(lights_on(scene, view))].max(initial=0.0) for view in views])
     if set(free) != {"k_d", "k_s", "n_s", "normal"} or loss == "squares":
         raise ValueError(
             f"light_error needs k_d, k_s, n_s and normal free alone, and a robust loss; got free={free}, "
             f"loss={loss!r}. Free them, or leave light_error out."
         )
-    return LightErrors(root, np.zeros(views))
-
-
-def _in_short(given: np.ndarray) -> str:
-    return f"{given}" if given.size <= 3 else f"the shape {given.shape}, from {given.min():g} to {given.max():g}"
-
-
-def _roots(covariance: Float[np.ndarray, "views 3 3"]) -> Float[np.ndarray, "views 3 3"]:
-    """Return matrices whose squares are these covariances; raise ValueError where one is none."""
-    for i, C in enumerate(covariance):
-        symmetric = np.isfinite(C).all() and np.allclose(C, C.T, atol=1e-12)
-        if not symmetric or np.linalg.eigvalsh(C).min() < -1e-9 * np.trace(C):
-            raise ValueError(
-                f"light_error[{i}] must be a covariance: symmetric, finite, without a negative variance; got "
-                f"{C.tolist()}. Give that of the unit vector to the light, squared radians."
-            )
-    variance, axes = np.linalg.eigh(covariance)
-    return axes * np.sqrt(np.maximum(variance, 0.0))[:, None]
+    return LightErrors(np.deg2rad(of_view)[:, None, None] * np.eye(3), np.zeros(len(views)))
 
 
 def _checked_names(free: Iterable[str]) -> tuple[str, ...]:

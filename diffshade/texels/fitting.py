@@ -73,12 +73,12 @@ def fit_texels(
     regions: Int[np.ndarray, "h w"] | None = None,
     loss: str | None = None,
     neighbours: bool = True,
-    light_error: Float[ArrayLike, " views"] | Float[ArrayLike, "views 3 3"] | float | None = None,
+    light_error: Float[ArrayLike, " lights"] | float | None = None,
     match_exposures: bool = True,
     align: bool = True,
     out: str | os.PathLike[str] | None = None,
-    memory: int = MEMORY,
-    mesh: Mesh | None = None,
+    memory: float = MEMORY,
+    devices: Mesh | None = None,
     progress: bool = False,
 ) -> TexelMaps:
     r"""Fit a material to every pixel of views that share a camera: maps of k_d, k_s, n_s and the normal.
@@ -122,10 +122,10 @@ def fit_texels(
             all share a highlight.
         neighbours: Whether neighbours may correct a normal, where all texels share a highlight. Then bands of rows are
             read with 5 rows of their neighbours.
-        light_error: Standard deviation of the directions of the lights about each axis, degrees: one number, or one
-            for each view; or the covariance of the unit vector to each view's light, (views, 3, 3), scene coordinates,
-            squared radians. The errors of the normals then contain it, and all texels share a highlight; where the
-            lights do not allow that, a note says so. By default the lights are taken to be exact.
+        light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
+            one for each light. The errors of the normals then contain it, and all texels share a highlight; where the
+            lights do not allow that, a note says so. A view under several lights has the largest of theirs. By default
+            nothing is stated, and the lights are taken to be exact.
         match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
             are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
             is done where twelve photographs or more show it, by 15 % in one of them or 5 % in a colour; a note says so.
@@ -137,8 +137,9 @@ def fit_texels(
             default the maps stay in memory.
         memory: Bytes that the photographs at work may take, approximately; larger ones are read in bands of rows. A run
             that is resumed keeps the bands of its first call: to use less memory, begin in a new folder.
-        mesh: Devices that share the work. Several processes, joined by `jax.distributed.initialize`, each fit their
-            share and write to one `out`, on a disk of the machine they run on. By default all cores.
+        devices: A `jax.sharding.Mesh` of the devices that share the work; by default all cores. Several processes,
+            joined by `jax.distributed.initialize`, each fit their share and write to one `out`, on a disk of the
+            machine they run on.
         progress: Show a line of progress on the terminal.
 
     Returns:
@@ -152,14 +153,14 @@ def fit_texels(
         RuntimeError: This jaxlib adds up wrongly.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
-    check_scale(memory, mesh)
+    check_scale(memory, devices)
     if out is not None and not isinstance(out, str | Path):
         raise TypeError(f"out must be the name of a folder; got {out!r}. Give for example 'run.out'.")
     free = checked(scene, views, free, regions, loss)
     sensor = views[0].sensor
     one_sensor = all(eqx.tree_equal(view.sensor, sensor) for view in views)
     views = tuple(map(developed, views))
-    known = None if light_error is None else checked_light_error(light_error, len(views), free, loss)
+    known = None if light_error is None else checked_light_error(light_error, scene, views, free, loss)
     if out is not None:
         scene_document(scene, views[0].camera)  # refuses what could not be written beside the maps
     check_backend()
@@ -171,7 +172,7 @@ def fit_texels(
     ):
         choices = Choices(free, loss, region_of, neighbours, known, match_exposures, align)
         problem = "" if out is None else fingerprint(FORMAT, scene, views, *choices)
-        tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
+        tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, devices=devices)
         with contextlib.closing(tiles):
             maps = _fit(scene, views, choices, tiles)
             if sensor is not None and one_sensor:

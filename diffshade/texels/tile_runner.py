@@ -35,8 +35,8 @@ class TileRunner:
         report_progress: ReportProgress,
         *,
         out: str | os.PathLike[str] | None,
-        memory: int,
-        mesh: Mesh | None,
+        memory: float,
+        devices: Mesh | None,
     ):
         """Cut the views into tiles and open the store of the results.
 
@@ -47,14 +47,14 @@ class TileRunner:
             report_progress: Called with what is being done, and how much of it is done.
             out: Folder of the results; None keeps them in memory.
             memory: Bytes that the photographs of a tile may take.
-            mesh: Devices to use; None uses all cores.
+            devices: Devices to use; None uses all cores.
 
         Raises:
             ValueError: There are several processes without `out`, or the folder belongs to another run.
         """
         self.reader = ViewReader(scene, views)
         self.report_progress = report_progress
-        self.device_group = None if mesh is None else DeviceGroup(mesh)
+        self.device_group = None if devices is None else DeviceGroup(devices)
         if self.device_group is not None and self.device_group.several and out is None:
             raise ValueError(
                 "several processes need one folder for their maps; got out=None. Give out a shared folder."

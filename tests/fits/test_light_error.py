@@ -364,9 +364,10 @@ def test_lights_that_are_off_are_not_freed():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"light_error": 0.0}, "light_error must be one number above 0, or one for each of the 3 lights"),
+        ({"light_error": 0.0}, "is free, but light_error says that it is exact: 0"),
+        ({"light_error": -1.0}, "light_error must be one number of at least 0, or one for each of the 3 lights"),
         ({"light_error": [1.0, 1.0]}, "one for each of the 3 lights"),
-        ({"intensity_error": -0.1}, "intensity_error must be one number above 0"),
+        ({"intensity_error": -0.1}, "intensity_error must be one number of at least 0"),
     ],
 )
 def test_wrong_errors_are_refused(given, message):
@@ -387,6 +388,12 @@ def test_errors_of_lights_that_are_known_are_part_of_the_errors():
         hold, one_sided = (note for note in fit.notes if note.kind == "lights")
         assert "n_s" in hold.names
         assert one_sided.names == ("k_s", "n_s")
+
+
+def test_known_lights_that_are_exact_change_nothing():
+    scene, views, _ = photographed(3)
+    exact, without = (ds.fit(scene, views, free="k_d", **given) for given in ({"light_error": [0, 0, 0]}, {}))
+    np.testing.assert_array_equal(exact.errors, without.errors)
 
 
 @pytest.mark.thorough

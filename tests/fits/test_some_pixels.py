@@ -102,7 +102,7 @@ def test_what_is_wrong_is_said_whatever_memory_there_is():
 def test_arguments_are_checked():
     for values, kind, message in (
         ((0, None), ValueError, "memory must be a number of bytes above 0; got 0"),
-        ((1e9, 8), TypeError, "mesh must be a Mesh; got int"),
+        ((1e9, 8), TypeError, "devices must be a Mesh; got int"),
     ):
         with pytest.raises(kind, match=message):
             check_scale(*values)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from browser import chromium
-from public_names import PUBLIC, ROOMS, TOP
+from public_names import ROOMS, TOP
 
 ROOT = Path(__file__).parents[2]
 

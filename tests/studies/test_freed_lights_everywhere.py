@@ -28,7 +28,7 @@ import sys
 import jax, numpy as np
 from tests.studies.test_freed_lights_everywhere import fitted
 assert len(jax.devices()) == 8
-fit = fitted(96, mesh=jax.make_mesh((4, 2), ("a", "b")))
+fit = fitted(96, devices=jax.make_mesh((4, 2), ("a", "b")))
 np.savez(sys.argv[1], **{name: getattr(fit, name) for name in ("values", "plain_errors", "errors")})
 """
 

@@ -123,9 +123,9 @@ from texel_run import problem
 scene, views = problem(64, 640, 8, 1.0)
 mesh = jax.sharding.Mesh(np.array(jax.devices()), ("lane",))
 assert mesh.size == 8
-one, all_ = ds.fit_texels(scene, views), ds.fit_texels(scene, views, mesh=mesh)
+one, all_ = ds.fit_texels(scene, views), ds.fit_texels(scene, views, devices=mesh)
 regions = np.zeros((64, 640), int)
-shared = [ds.fit_texels(scene, views, regions=regions, mesh=m).values["n_s"][0, 0, 0] for m in (None, mesh)]
+shared = [ds.fit_texels(scene, views, regions=regions, devices=m).values["n_s"][0, 0, 0] for m in (None, mesh)]
 assert abs(shared[0] / shared[1] - 1) < 1e-6, shared
 off = [np.abs(all_.values[name] - one.values[name]) / (1 + np.abs(one.values[name])) for name in one.values]
 print(max(o.max() for o in off))

@@ -193,7 +193,7 @@ def test_devices_add_up_to_the_same(tmp_path):
     one = ball(2, tmp_path, 3)
     images = one.read_back(one.images(), 8, True)
     whole = one.fit(images)
-    other = one.fit(images, mesh=Mesh(np.array(jax.devices()), ("devices",)))
+    other = one.fit(images, devices=Mesh(np.array(jax.devices()), ("devices",)))
     np.testing.assert_allclose(other.errors, whole.errors, rtol=1e-6)
     assert str(other.rounding) == "255 sRGB steps"
 

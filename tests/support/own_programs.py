@@ -248,7 +248,7 @@ FUNCTIONS: dict[str, Callable[[Given], Any]] = {
     "fit a G-buffer": lambda h: _fit(h.shaded, h.seen),
     "fit directions": lambda h: _fit(h.far, h.far_views),
     "fit of some pixels": lambda h: _fit(h.scene, h.views, memory=1e5),
-    "fit on a mesh": lambda h: _fit(h.scene, h.views, mesh=jax.make_mesh((1,), ("a",))),
+    "fit on a mesh": lambda h: _fit(h.scene, h.views, devices=jax.make_mesh((1,), ("a",))),
     "fit_texels": _texels,
     "integrate_normals": lambda h: (m := ds.heights.integrate_normals(*_normals(h)), m.height, m.position)[1:],
     "forecast": lambda h: ds.forecast(h.scene, h.views, free=FREE).errors,

@@ -75,7 +75,7 @@ def main() -> None:
     scene, views = problem(given.height, given.width, given.views, given.share)
     print("begin", flush=True)
     begun = time.monotonic()
-    grown, maps = watched(lambda: ds.fit_texels(scene, views, out=given.folder, memory=given.memory, mesh=mesh))
+    grown, maps = watched(lambda: ds.fit_texels(scene, views, out=given.folder, memory=given.memory, devices=mesh))
     size = sum(4 * np.prod(view.image.shape) for view in views)
     print(f"grown {grown} of {size}, {time.monotonic() - begun:.1f} s", flush=True)
     print(f"determined {int(maps.determined.sum())}", flush=True)

@@ -353,7 +353,8 @@ def test_the_errors_of_a_folders_lights_are_its_files_unless_others_are_typed(ty
     np.testing.assert_allclose(given["light_error"], 0.5 + 0.1 * np.arange(8))
     _, _, given = asked(typed, monkeypatch, "fit", "photographs", "--free", "k_d,direction", "--light-error", "3")
     assert given["light_error"] == 3.0
-    assert "light_error must be one number above 0" in typed("fit", "photographs", "--light-error", "0").refusal
+    refusal = typed("fit", "photographs", "--free", "k_d,direction", "--light-error", "0").refusal
+    assert "is free, but light_error says that it is exact" in refusal
 
 
 def test_models_are_compared(typed, monkeypatch):

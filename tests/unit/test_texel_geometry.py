@@ -62,7 +62,7 @@ def test_lamps_on_a_line_in_space_lie_in_a_plane_with_every_texel_and_those_of_a
     for at, share in ((line, 1.0), (ceiling, 0.0)):
         ball = textured_ball(12, at=at)
         scene = facing_us(ball)
-        tiles = TileRunner(scene, ball.views, "", silent, out=None, memory=1 << 28, mesh=None)
+        tiles = TileRunner(scene, ball.views, "", silent, out=None, memory=1 << 28, devices=None)
         run = TexelRun(scene, ball.views, ("k_d", "normal"), "squares", None, tiles)
         assert run.lights().coplanar == share
 

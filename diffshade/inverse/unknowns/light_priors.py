@@ -22,29 +22,29 @@ def stated_errors(scene: Scene, light_error: ArrayLike | None, intensity_error: 
         intensity_error: Relative standard deviation of the intensities of all lights, or of each.
 
     Raises:
-        ValueError: An error is not above 0, or there is one for another number of lights.
+        ValueError: An error is below 0, or there is one for another number of lights.
     """
     found = {}
     if light_error is not None:
         middle = middle_of(scene)
-        for i, error in enumerate(np.deg2rad(_of_each("light_error", light_error, scene, "1.0"))):
+        for i, error in enumerate(np.deg2rad(error_of_each("light_error", light_error, len(scene.lights), "1.0"))):
             light = scene.lights[i]
             for name in light.placement[:1]:
                 far = 1.0 if name == "direction" else np.linalg.norm(np.asarray(getattr(light, name)) - middle)
                 found[Place("lights", i, (name,))] = float(error * far)
     if intensity_error is not None:
-        for i, error in enumerate(_of_each("intensity_error", intensity_error, scene, "0.05")):
+        for i, error in enumerate(error_of_each("intensity_error", intensity_error, len(scene.lights), "0.05")):
             found[Place("lights", i, ("intensity",))] = float(error)
     return found
 
 
-def _of_each(name: str, errors: ArrayLike, scene: Scene, example: str) -> Float[np.ndarray, " lights"]:
-    """Return the error of each light, above 0; raise ValueError for wrong ones."""
-    each, count = float64_of(name, errors), len(scene.lights)
-    if each.shape not in ((), (count,)) or not (np.isfinite(each) & (each > 0.0)).all():
+def error_of_each(name: str, errors: ArrayLike, count: int, example: str) -> Float[np.ndarray, " lights"]:
+    """Return the error of each light; raise ValueError for one below 0, or for errors of another number of lights."""
+    each = float64_of(name, errors)
+    if each.shape not in ((), (count,)) or not (np.isfinite(each) & (each >= 0.0)).all():
         raise ValueError(
-            f"{name} must be one number above 0, or one for each of the {count} lights; got {errors}. Give for example "
-            f"{name}={example}."
+            f"{name} must be one number of at least 0, or one for each of the {count} lights; got {errors}. Give for "
+            f"example {name}={example}."
         )
     return np.broadcast_to(each, (count,))
 

@@ -160,6 +160,11 @@ def _unknown(
     lower, upper = range_of(number, bounds, known)
     prior = prior_of(number, (lower, upper), priors)
     error = errors.get(number.places[0].whole) if number.places else None
+    if error == 0.0:
+        stated = "intensity_error" if number.kind == "intensity" else "light_error"
+        raise ValueError(
+            f"{number.name} is free, but {stated} says that it is exact: 0. Give an error above 0, or do not free it."
+        )
     if error is not None and number.kind == "intensity":
         if not start > 0.0:
             raise ValueError(

@@ -28,7 +28,7 @@ PAIRS = 16  # of fits, each to lights moved one way and the opposite way
 def widen_by_lights(fit: Fit, report_progress: ReportProgress, *, errors: Mapping[Place, float]) -> Fit:
     """Return a fit whose errors are at least those that the errors of its known lights give. In float64."""
     free = free_places(fit.unknowns)
-    known = {place: error for place, error in errors.items() if place not in free}
+    known = {place: error for place, error in errors.items() if error > 0.0 and place not in free}
     if not known:
         return fit
     draws = _draws(4 * len(fit.scene.lights))

@@ -12,7 +12,6 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from ...core.arrays import float64_of
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import showing
@@ -20,7 +19,7 @@ from ...core.thresholds import MOST
 from ...core.words import Note
 from ...inverse.data.recording import developed
 from ...inverse.data.views import View, lights_on
-from ...inverse.unknowns.light_priors import middle_of
+from ...inverse.unknowns.light_priors import error_of_each, middle_of
 from ...model.scenes import Scene
 from ..checks import check_anything_left, checked
 from ..conventions import other_light_convention
@@ -62,10 +61,10 @@ def find_lights(
         scene: One object and all lights, at least six; each is a direction or a position. A position keeps its distance
             from the middle of the object.
         views: Photographs of one camera, one light on in each.
-        light_error: Standard deviation of the scene's directions about each axis, degrees: one number, or one for each
-            light; 0 if they are exact. None (the default) if nothing is known of them.
-        intensity_error: Relative standard deviation of the scene's intensities: one number, or one for each light;
-            0 (the default) if they are exact. None if nothing is known of them.
+        light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
+            one for each light; 0 for all if they are exact. By default nothing is stated, and they have no prior.
+        intensity_error: Relative standard deviation of the lights' intensities (.05 for 5 %): one number, or one for
+            each light; 0, the default, for all if they are exact. With None nothing is stated of them.
         progress: Show a line of progress on the terminal.
 
     Returns:
@@ -81,17 +80,17 @@ def find_lights(
     views = tuple(map(developed, views))
     light_of = _light_of(scene, views)
     lights = len(scene.lights)
-    error = None if light_error is None else np.deg2rad(_errors("light_error", light_error, lights, 1.0))
+    error = None if light_error is None else np.deg2rad(_errors("light_error", light_error, lights, "1.0"))
     brighter = np.full(lights, np.inf)
     if intensity_error is not None:
-        brighter = _errors("intensity_error", intensity_error, lights, 0.05)
+        brighter = _errors("intensity_error", intensity_error, lights, "0.05")
     check_backend()
     scene = jax.tree.map(as_float64, scene)
     with showing("lights", show=progress) as report_progress, in_float64((scene, views)) as (scene, views):
         used, index = np.unique(light_of, return_inverse=True)
         middle = middle_of(scene)
         given = LightEstimates(directions_to(scene, used, middle), np.ones(len(used)))
-        tiles = TileRunner(scene, views, "", report_progress, out=None, memory=MEMORY, mesh=None)
+        tiles = TileRunner(scene, views, "", report_progress, out=None, memory=MEMORY, devices=None)
         with contextlib.closing(tiles):
             sample = tiles.reader.sample(LEARNING_SAMPLE)
             check_anything_left(np.ones(len(sample.pixels)))
@@ -212,15 +211,9 @@ def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
     return np.array(found)
 
 
-def _errors(name: str, given: ArrayLike, lights: int, example: float) -> Float[np.ndarray, " lights"]:
+def _errors(name: str, given: ArrayLike, lights: int, example: str) -> Float[np.ndarray, " lights"]:
     """Return the error of each light; raise ValueError for wrong ones."""
-    each = float64_of(name, given)
-    if each.shape not in ((), (lights,)) or not (np.isfinite(each) & (each >= 0.0)).all():
-        raise ValueError(
-            f"{name} must be one number, at least 0, or one for each of the {lights} lights; got {given}. Give for "
-            f"example {name}={example}."
-        )
-    each = np.broadcast_to(each, (lights,))
+    each = error_of_each(name, given, lights, example)
     if (each == 0.0).any() != (each == 0.0).all():
         raise ValueError(
             f"{name} must be 0 for all lights or above 0 for all; got {given}. Give exact ones a small error."

@@ -43,14 +43,14 @@ class FoundLights:
     """What the photographs do not tell of the lights: a sentence each."""
 
     @property
-    def light_error(self) -> Float[np.ndarray, " views"]:
-        """The error of the light of each view, degrees, for `fit_texels(..., light_error=)`.
+    def light_error(self) -> Float[np.ndarray, " lights"]:
+        """The error of each light, degrees, for `fit_texels(..., light_error=)`; 0 of one that is on in no view.
 
         `fit_texels` takes them as independent of each other, which what all lights share is not.
         Where no direction was stated, that of each light by itself: what all share cannot be known.
         """
         errors = np.where(np.isfinite(self.errors), self.errors, self.own_errors)
-        return errors[self.light_of]
+        return np.where(np.isin(np.arange(len(errors)), self.light_of), errors, 0.0)
 
     def __str__(self) -> str:
         """Return the lights that moved most, and the notes below them."""

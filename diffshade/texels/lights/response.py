@@ -105,7 +105,7 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
         showing("response", show=progress) as report_progress,
         in_float64((scene, plain)) as (inner, plain),
     ):
-        tiles = TileRunner(inner, plain, "", silent, out=None, memory=MEMORY, mesh=None)
+        tiles = TileRunner(inner, plain, "", silent, out=None, memory=MEMORY, devices=None)
         with contextlib.closing(tiles):
             each = TexelRun(inner, plain, FREE, "cauchy", None, tiles)
             setup, sample = each.setup, tiles.reader.sample(CALIBRATION_SAMPLE)
