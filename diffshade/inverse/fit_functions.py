@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -26,8 +26,9 @@ from .pixels.blocks import Block
 from .problem import FitProblem
 from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
 from .solve.start_search import best_linear, groups_to_try
+from .unknowns.constraints import Grey, Proportional
 from .unknowns.parameters import find_unknowns
-from .unknowns.unknown import coordinates, natural
+from .unknowns.unknown import Unknown, coordinates, natural
 
 TOGETHER = 16  # fits of a batch that take their steps together: their pixels stay in a core's cache
 
@@ -36,15 +37,16 @@ class FittedValues(eqx.Module):
     """What a fit function returns; under `jax.vmap` every array has the batch's axis first."""
 
     values: dict[str, Float[Array, "..."]]
-    """The unknowns by name, in their own units."""
+    """The unknowns by name, in their own units: `k_d` of colour photographs is an array of 3, in the order of the
+    channels."""
     cost: Float[Array, "..."]
-    """Half the sum of squares of the residuals."""
+    """Half the sum of squares of the residuals: each over its standard deviation where the views have noise."""
     converged: Bool[Array, "..."]
     """Whether the solver ended because no step within the bounds lowers the cost by more than rounding does."""
     determined: dict[str, Bool[Array, "..."]]
-    """Whether the images determine an unknown. They do not if the prediction is the same at its other values, such as
-    those of n_s where k_s is 0, or at other values of several unknowns together. The value is then one of many that
-    cost the same."""
+    """Whether the images determine an unknown, by name and of the shape of its values. They do not if the prediction is
+    the same at its other values, such as those of n_s where k_s is 0, or at other values of several unknowns together.
+    The value is then one of many that cost the same."""
 
 
 class FitFunction(eqx.Module):
@@ -55,11 +57,13 @@ class FitFunction(eqx.Module):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    """The unknowns."""
+    """The unknowns: `k_d.r`, and so on."""
+    quantities: tuple[tuple[str, tuple[int, ...]], ...] = eqx.field(static=True)
+    """Each name of the values, `k_d`, with the places of its unknowns; one place for a number without channels."""
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """The shape of each view's image."""
     model: AbstractForwardModel
-    """Of which all samples weigh alike."""
+    """Of which all samples of a view weigh alike."""
     priors: PriorResiduals
     box: BoxConstraints
     chunk: Block
@@ -93,11 +97,15 @@ class FitFunction(eqx.Module):
         targets = of._targets(images)
         theta, (converged, gram) = of._minimum(targets)
         values = natural(theta, of.model.setting.slots.logarithmic)
-        by_name = [dict(zip(self.names, each, strict=True)) for each in (values, of._determined(theta, gram, targets))]
+        determined = of._determined(theta, gram, targets)
+        by_name = [
+            {name: each[jnp.array(at)] if len(at) > 1 else each[at[0]] for name, at in self.quantities}
+            for each in (values, determined)
+        ]
         return FittedValues(by_name[0], of.cost(theta, targets), converged > 0.0, by_name[1])
 
     def residuals(self, theta: Float[Array, " p"], *images: Float[ArrayLike, "..."]) -> Float[Array, " samples"]:
-        """Return prediction - image, for every sample that counts; 0 for padding.
+        """Return prediction - image, over its standard deviation where the views have noise; 0 for padding.
 
         Args:
             theta: The unknowns, in the order of `names`; exponents as their logarithms.
@@ -132,7 +140,13 @@ class FitFunction(eqx.Module):
 
     def _residuals(self, theta: Array, targets: Array) -> Array:
         m = jax.lax.map(lambda block: jnp.stack(self.model.predict(theta, block)), self.chunk)
-        return jnp.where(self.index >= 0, m - targets, 0.0)
+        return self._whitened(m - targets)
+
+    def _whitened(self, samples: Array) -> Array:
+        """Return samples over the standard deviation of their view's noise; 0 where none counts."""
+        weights = jax.lax.stop_gradient(jax.lax.map(self.model.sample_weights, self.chunk))
+        counts = (self.index >= 0) & (weights > 0.0)
+        return jnp.where(counts, jnp.sqrt(jnp.where(counts, weights, 1.0)) * samples, 0.0)
 
     def _minimum(self, targets: Array) -> tuple[Array, tuple[Array, Array]]:
         """Return the minimum, 1 where the solver converged, and J^T J there; with the derivatives of an implicit root.
@@ -168,7 +182,7 @@ class FitFunction(eqx.Module):
             tried = jax.vmap(theta.at[members].set)(values)
             found, costs = jax.lax.map(lambda at: judged(jnp.clip(at, self.box.lower, self.box.upper)), tried)
             theta = found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-        squares = jnp.sum(targets**2)
+        squares = jnp.sum(self._whitened(targets) ** 2)
         return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects)
 
     def _determined(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
@@ -179,7 +193,8 @@ class FitFunction(eqx.Module):
         """
         half_the_digits = float(jnp.finfo(gram.dtype).eps) ** 0.5
         effect = jnp.sqrt(jnp.diagonal(gram)) * jnp.maximum(1.0, jnp.abs(theta))
-        shown = effect > jnp.where(self.box.linear, 0.0, half_the_digits * jnp.sqrt(jnp.sum(targets**2)))
+        rounding = half_the_digits * jnp.sqrt(jnp.sum(self._whitened(targets) ** 2))
+        shown = effect > jnp.where(self.box.linear, 0.0, rounding)
         scale = jnp.where(shown, jax.lax.rsqrt(jnp.where(shown, jnp.diagonal(gram), 1.0)), 0.0)
         scaled = gram * jnp.outer(scale, scale) + jnp.diag(jnp.where(shown, 0.0, 1.0))
         size, direction = jnp.linalg.eigh(scaled)
@@ -212,8 +227,11 @@ def fit_function(
     scene: Scene,
     views: Sequence[View] | View,
     *,
-    free: Sequence[str],
-    bounds: Mapping[str, Sequence[float]] | None = None,
+    free: Iterable[str],
+    tied: Iterable[str] = (),
+    bounds: Mapping[str, Sequence[float | int]] | None = None,
+    constraints: Sequence[Grey | Proportional] | Grey | Proportional = (),
+    priors: Mapping[str, Sequence[Any]] | None = None,
 ) -> FitFunction:
     """Return a fit as a pure JAX function of its images: `jax.vmap` fits many at once, `jax.grad` goes through it.
 
@@ -224,24 +242,30 @@ def fit_function(
     Args:
         scene: What is known; the free values need not be.
         views: The setup, as in `fit`: cameras, masks, and which lights are on. Their images show which pixels count and
-            give the shapes; the function is given others.
+            give the shapes; the function is given others. Their noise, if they have it, must be the same at every
+            level: residuals then count by it.
         free: Names of what is fitted, as in `fit`.
+        tied: Names of what is one unknown, as in `fit`.
         bounds: Ranges by name, as in `fit`.
+        constraints: `Grey` and `Proportional`, as in `fit`.
+        priors: Means and standard deviations by name, as in `fit`. They need the views' noise, which says how much they
+            count beside the photographs.
 
     Returns:
         The function.
 
     Raises:
-        ValueError: As `fit` raises it; or a view has noise, a sensor or clipped samples, which this function does not
-            know.
+        ValueError: As `fit` raises it; or there are priors without noise; or a view has a sensor, clipped samples or
+            noise that grows with the signal, which this function does not know.
         TypeError: As `fit` raises it.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
-    check_choices(scene, views, (), "squares", "hinge", "search")
+    constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
+    check_choices(scene, views, constraints, "squares", "hinge", "search")
     check_backend()
     with in_float64((jax.tree.map(as_float64, scene), views)) as (scene, views):
         data = ViewSet.of(scene, views)
-        unknowns = find_unknowns(scene, data.views, free, bounds=bounds, grey=bool(data.grey))
+        unknowns = find_unknowns(scene, data.views, free, tied, bounds, constraints, priors, grey=bool(data.grey))
         check_free(unknowns)
         problem = new_problem(scene, data, unknowns, "squares", "hinge")
         for i, view in enumerate(views):
@@ -250,10 +274,16 @@ def fit_function(
                     f"a fit function takes linear images; views[{i}] has a sensor. Leave it out and give linear "
                     "images, or use fit."
                 )
-            if view.noise is not None:
+            if view.noise is not None and not view.noise.is_uniform:
                 raise ValueError(
-                    f"a fit function counts all samples alike; views[{i}] has noise. Leave it out, or use fit."
+                    f"a fit function knows noise that is the same at every level; that of views[{i}] grows with the "
+                    "signal. Give one standard deviation, or use fit."
                 )
+        if priors and not problem.data.noise_known:
+            raise ValueError(
+                "priors count beside photographs by their noise, which the views do not have. Give View.noise, or use "
+                "fit, which finds it."
+            )
         if clipped := problem.data.counts.clipped:
             raise ValueError(
                 f"a fit function knows no clipped samples; {clipped} of the views' samples are. Mask them "
@@ -264,6 +294,7 @@ def fit_function(
         told = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
         made = FitFunction(
             tuple(unknown.name for unknown in unknowns),
+            _quantities(unknowns),
             tuple(shape[:2] if shape[2] == 1 else shape for shape in shapes),
             problem.model,
             problem.priors(1.0),
@@ -274,6 +305,14 @@ def fit_function(
             tuple((np.array(of.members), of.values) for of in groups_to_try(unknowns, scene)),
         )
         return jax.tree.map(np.asarray, made)
+
+
+def _quantities(unknowns: Sequence[Unknown]) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """Return the names without channels, each with the places of its unknowns, in the order of the channels."""
+    found: dict[str, list[int]] = {}
+    for i, unknown in enumerate(unknowns):
+        found.setdefault(unknown.quantity, []).append(i)
+    return tuple((name, tuple(at)) for name, at in found.items())
 
 
 def _numbered(problem: FitProblem, shapes: Sequence[tuple[int, ...]]) -> FitProblem:

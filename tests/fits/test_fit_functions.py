@@ -138,9 +138,35 @@ def test_what_it_does_not_know_is_refused():
     view = ds.View(images[0], camera(16))
     function = ds.fit_function(TOLD, view, free=FREE)
     refuses(lambda: function(images), "(16, 16)", "(6, 16, 16)", "jax.vmap")
-    refuses(lambda: ds.fit_function(TOLD, ds.View(images[0], camera(16), noise=0.01), free=FREE), "views[0]", "noise")
+    growing = ds.View(images[0], camera(16), noise=ds.Noise(0.01, shot=0.01))
+    refuses(lambda: ds.fit_function(TOLD, growing, free=FREE), "views[0]", "grows with the signal")
+    refuses(lambda: ds.fit_function(TOLD, view, free=FREE, priors={"k_a": (0.1, 0.01)}), "priors", "View.noise")
     refuses(lambda: ds.fit_function(TOLD, ds.View(images[0], camera(16), saturation=0.15), free=FREE), "clipped")
     refuses(lambda: ds.fit_function(TOLD, view, free="kd"), "'kd'", "k_d")
+
+
+@pytest.mark.thorough
+def test_it_takes_what_fit_takes():
+    """Colours in the order of the channels, ties, constraints, priors and noise: the values are those of `fit`."""
+    material = ds.Material(0.05, (0.6, 0.45, 0.3), 0.2, 20)
+    photographs = [
+        np.asarray(ds.render(ds.Scene(ds.Object(ds.Sphere(), material), LAMPS), camera(16), lit=i)) for i in (0, 1)
+    ]
+    photographs = [of + np.random.default_rng(3).normal(0, 0.01, of.shape) for of in photographs]
+    views = [ds.View(of, camera(16), lit=i, noise=0.01 * (1 + i)) for i, of in enumerate(photographs)]
+    options = {
+        "free": ("k_a", "k_d", "k_s", "n_s", "lights.0.attenuation.quadratic"),
+        "constraints": (ds.Grey("k_s"), ds.Proportional("k_a", "k_d")),
+        "priors": {"n_s": (18.0, 0.05), "lights.0.attenuation.quadratic": (0.45, 0.02)},
+    }
+    function = ds.fit_function(TOLD, views, **options)
+    found, fit = jax.jit(function)(*photographs), ds.fit(TOLD, views, **options)
+    assert found.values["k_d"].shape == (3,)
+    assert function.names == fit.names == ("k_d.r", "k_d.g", "k_d.b", "k_s", "n_s", "quadratic", "k_a/k_d")
+    values = np.concatenate([np.ravel(found.values[name]) for name, _ in function.quantities])
+    np.testing.assert_allclose(values, fit.values, rtol=1e-5)
+    tied = ds.fit_function(TOLD, views, free=("k_d", "intensity"), tied=("intensity",))
+    assert [name for name, _ in tied.quantities] == ["k_d", "intensity"]
 
 
 @pytest.mark.slow
@@ -164,11 +190,12 @@ def test_any_scene_views_in_colour_and_unknowns_at_a_bound():
     function = ds.fit_function(scene, views, free=("ball.material.k_d", "ball.material.k_s"))
     brighter = [np.stack([picture, 1.1 * picture]) for picture in pictures]
     found = jax.jit(jax.vmap(function))(*brighter)
-    values = [found.values[name][0] for name in function.names]
-    np.testing.assert_allclose(values, (0.6, 0.5, 0.3, 0, 0, 0), atol=1e-7)
+    assert list(found.values) == ["ball.material.k_d", "ball.material.k_s"]
+    np.testing.assert_allclose(found.values["ball.material.k_d"][0], (0.6, 0.5, 0.3), atol=1e-7)
+    np.testing.assert_allclose(found.values["ball.material.k_s"][0], 0, atol=1e-7)
 
     def red(scale):
-        return function(pictures[0] * scale, pictures[1]).values[function.names[0]]
+        return function(pictures[0] * scale, pictures[1]).values["ball.material.k_d"][0]
 
     slope, h = jax.jacfwd(red)(1.01), 1e-5
     np.testing.assert_allclose(slope, (red(1.01 + h) - red(1.01 - h)) / (2 * h), rtol=1e-5)

@@ -555,7 +555,8 @@ def test_all_materials_of_a_file_are_converted(typed):
 
 def test_figures(typed, monkeypatch):
     drawn = {}
-    monkeypatch.setattr(ds, "write_figures", lambda folder, **given: drawn.update(given, folder=folder) or [folder])
+    write = lambda folder, **given: drawn.update(given, folder=folder) or [folder]  # noqa: E731
+    monkeypatch.setattr(ds.lecture, "write_figures", write)
     assert typed("figures", "lecture", "--only", "snell,lobes").out == "lecture\n"
     assert (drawn["folder"], drawn["only"]) == (Path("lecture"), ("snell", "lobes"))
 
