@@ -14,7 +14,19 @@ from .domes import dome, place_of
 from .map_uses import is_maps, report_maps
 from .maps import divided, on_bands
 from .materials import check_out, put_material
-from .sources import LIGHT_ERRORS, LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, swap_lobe, with_options
+from .sources import (
+    INTENSITY_ERROR,
+    LIGHT_ERROR,
+    LOBE,
+    MODEL,
+    ROOM,
+    VIEWS,
+    Options,
+    Source,
+    by_name,
+    swap_lobe,
+    with_options,
+)
 from .terminal import FILE, SETTINGS, Names, answer, with_json
 
 if TYPE_CHECKING:
@@ -28,7 +40,7 @@ MODELS = ("phong", "blinn", "matte")
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade fit ball.toml 0.png 1.png --free k_d,k_s,n_s -o brass.mtl")
-@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE, ROOM)
+@with_options(*VIEWS, *MODEL, LIGHT_ERROR, INTENSITY_ERROR, LOBE, ROOM)
 @click.option("-o", "--out", type=FILE, multiple=True, help="Result: .toml, or a material (see convert)")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo by the others, with bands")
 @with_json
@@ -73,7 +85,7 @@ def _bands(typed: Options, source: Source) -> PredictionBands:
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade report photographs -o ball.html")
-@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE)
+@with_options(*VIEWS, *MODEL, LIGHT_ERROR, INTENSITY_ERROR, LOBE)
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo; of maps: it was left out")
@@ -116,7 +128,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, title: 
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
-@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS)
+@with_options(*VIEWS, *MODEL, LIGHT_ERROR, INTENSITY_ERROR)
 @click.option("--model", type=Names(), default=("phong", "blinn"), help="Of phong,blinn,matte  [default: phong,blinn]")
 @with_json
 def compare(typed: Options, model: tuple[str, ...]) -> None:
@@ -139,7 +151,7 @@ def compare(typed: Options, model: tuple[str, ...]) -> None:
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade plan ball.toml 0.png 1.png --aim n_s --lights lamps.toml")
-@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE)
+@with_options(*VIEWS, *MODEL, LIGHT_ERROR, INTENSITY_ERROR, LOBE)
 @click.option("--aim", type=Names(), default=(), help="Parameters to improve  [default: all]")
 @click.option("--lights", type=FILE, help="Scene with candidate lights  [default: a dome]")
 @with_json

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.words import with_names
-from .sources import ENCODING, EXIF, Encodings, by_name
+from .sources import ENCODING, EXIF, INTENSITY_ERROR, LIGHT_ERROR, Encodings, by_name
 from .terminal import FILE, FOLDER, SETTINGS, Circle, OneOf, answer, with_json
 
 if TYPE_CHECKING:
@@ -154,9 +154,9 @@ def _encodings(photos: tuple[Path, ...], srgb: bool | None) -> Encodings:
 @click.option("--mask", type=FILE, help="Pixels of the object  [default: the folder's]")
 @ENCODING
 @EXIF
-@click.option("--light-error", type=float, metavar="DEGREES", help="Error of the directions  [default: the folder's]")
+@LIGHT_ERROR
 @click.option("--unknown", is_flag=True, help="Find the directions without those of the folder")
-@click.option("--intensity-error", type=float, default=0.0, help="Relative error of the intensities  [default: 0]")
+@INTENSITY_ERROR
 @click.option("--unknown-intensities", is_flag=True, help="The listed intensities may be wrong")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for texels, fit, report")
 @with_json
@@ -167,7 +167,7 @@ def find_lights(
     no_exif: bool,
     light_error: float | None,
     unknown: bool,
-    intensity_error: float,
+    intensity_error: float | None,
     unknown_intensities: bool,
     out: Path | None,
 ) -> None:
@@ -198,7 +198,7 @@ def find_lights(
             read.scene,
             read.views,
             light_error=None if unknown else error,
-            intensity_error=None if unknown_intensities else intensity_error,
+            intensity_error=None if unknown_intensities else intensity_error or 0.0,
             progress=True,
         )
     if out is not None:

@@ -11,7 +11,7 @@ import click
 
 from ..core.thresholds import MOST
 from ..core.words import with_names
-from .sources import LOSSES, ROOM, VIEWS, Options, Source, by_name, with_options
+from .sources import LIGHT_ERROR, LOSSES, ROOM, VIEWS, Options, Source, by_name, with_options
 from .terminal import SETTINGS, Names, OneOf, answer, with_json
 
 if TYPE_CHECKING:
@@ -47,9 +47,7 @@ BANDS = "bands.html"  # the page of the bands, in the folder of the maps
 @click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")
 @click.option("--no-exposure", "as_exposed", is_flag=True, help="Exposures and white balance are as told")
 @click.option("--no-align", "as_placed", is_flag=True, help="Photographs that are shifted are not moved back")
-@click.option(
-    "--light-error", type=float, metavar="DEGREES", help="Error of the lights  [default: the folder's, or none]"
-)
+@LIGHT_ERROR
 @click.option("--hold-out", type=int, metavar="N", help="Leave out and predict every N-th photograph")
 @click.option("--bands", is_flag=True, help="Bands for those left out, by 8 fits; bands.html")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")

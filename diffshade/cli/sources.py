@@ -50,13 +50,11 @@ MODEL = (
     ),
     click.option("--noise", type=float, metavar="SIGMA", help="Standard deviation, white = 1  [default: fitted]"),
 )
-LIGHT_ERRORS = (
-    click.option(
-        "--light-error", type=float, metavar="DEGREES", help="Error of light directions  [default: the folder's]"
-    ),
-    click.option(
-        "--intensity-error", type=float, metavar="SHARE", help="Error of intensities, 0.05 for 5 %  [default: none]"
-    ),
+LIGHT_ERROR = click.option(
+    "--light-error", type=float, metavar="DEGREES", help="Error of light directions  [default: the folder's]"
+)
+INTENSITY_ERROR = click.option(
+    "--intensity-error", type=float, metavar="SHARE", help="Error of intensities, 0.05 for 5 %  [default: none]"
 )
 LOBE = click.option("--lobe", type=OneOf(LOBES), help="phong or blinn  [default: the scene's; phong]")
 ROOM = click.option("--memory", type=float, metavar="GB", help="Memory for pixels; if exceeded, read in bands")

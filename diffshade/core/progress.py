@@ -21,7 +21,7 @@ class ReportProgress(Protocol):
 
 @contextlib.contextmanager
 def showing(title: str, *, show: bool = True) -> Iterator[ReportProgress]:
-    """Show a line with a title, the time and the time left while the block runs; yield what sets its words.
+    """Show a line with a title, the time, and that left of a stage, while the block runs; yield what sets its words.
 
     Nothing is shown in the first two seconds, nor unless `show`. Where standard error is not a terminal, the words are
     written to it as a line after ten seconds, and again when ten more have passed and they have changed.
@@ -57,7 +57,7 @@ def showing(title: str, *, show: bool = True) -> Iterator[ReportProgress]:
                 bar.update(task, total=None, completed=0.0, left="")
             bar.update(task, description=_line(title, words, share))
             if share is not None:
-                bar.update(task, total=1.0, completed=share, left="left")
+                bar.update(task, total=1.0, completed=share, left="left of this stage")
 
         try:
             yield report_progress
