@@ -33,8 +33,8 @@ class HeightMap:
         height: Towards the camera above that plane, along the line of sight, scene units; 0 outside.
         errors: Standard errors of the heights in that gauge, so of the difference from the part's mean (perspective:
             the relative error of the depth, times the depth); 1.96 of them hold the truth 95 % of the time. They follow
-            from the errors of the normals, independent from texel to texel, given the jumps that were found. Infinite
-            in parts of fewer than 8 texels and where no normal is known; 0 outside.
+            from the errors of the normals, those that all normals share included, given the jumps that were found.
+            Infinite in parts of fewer than 8 texels and where no normal is known; 0 outside.
         part: Part of each texel, from 0, the largest first; -1 outside. The heights of different parts relative to
             each other are not determined.
         jump_right: Whether the surface is interrupted between this texel and the next one to the right.
