@@ -92,7 +92,9 @@ def shadowed() -> list[np.ndarray]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("loss", ["geman-mcclure", "huber", "cauchy"])
+@pytest.mark.parametrize(
+    "loss", ["cauchy", *(pytest.param(of, marks=pytest.mark.slow) for of in ("geman-mcclure", "huber"))]
+)
 def test_a_robust_loss_finds_the_material_through_shadows_and_costs_little_where_there_are_none(loss):
     assert np.abs(off(standard_fit(shadowed()))[:9]).max() > 0.02
     robust = standard_fit(shadowed(), loss=loss)

@@ -38,6 +38,7 @@ def shadowed():
     return ball, ds.fit_texels(facing_us(ball), ball.views, free=FREE)
 
 
+@pytest.mark.thorough
 def test_shadows_do_not_turn_normals(shadowed):
     ball, maps = shadowed
     assert maps.highlights  # shared: an own n_s for each texel predicts shadowed photographs worse
@@ -51,6 +52,7 @@ def test_shadows_do_not_turn_normals(shadowed):
     assert abs(np.median(k_d) - 1.0) < 0.05
 
 
+@pytest.mark.thorough
 def test_stated_angles_hold_the_truth(shadowed):
     ball, maps = shadowed
     off = angle(maps.values["normal"], ball.truth["normal"])[ball.mask]
@@ -60,6 +62,7 @@ def test_stated_angles_hold_the_truth(shadowed):
     assert np.mean(off[sure]) <= np.mean(off)
 
 
+@pytest.mark.thorough
 def test_maps_are_shaded_by_the_shared_highlight_and_say_so(shadowed, tmp_path):
     ball, maps = shadowed
     assert abs(sum(one.weight for one in maps.highlights) - 1.0) < 1e-6
@@ -378,6 +381,7 @@ def test_residuals_are_interpolated_only_where_they_repeat():
     assert np.sqrt(np.mean((shown - smooth[1::2])[inner] ** 2)) < 0.1
 
 
+@pytest.mark.thorough
 def test_no_highlight_is_brighter_than_all_that_was_seen(shadowed):
     ball, maps = shadowed
     brightest = max(np.max(np.asarray(view.image)) for view in ball.views)

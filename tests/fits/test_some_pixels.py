@@ -26,6 +26,7 @@ def views():
     return synthetic.one_light_each([np.concatenate([i, inside], -1) for i in images], CAMERA)
 
 
+@pytest.mark.thorough
 def test_a_fit_of_a_part_holds_the_truth_within_errors_that_grow_as_it_says(views):
     scene = synthetic.standard_scene()
     whole, part = ds.fit(scene, views, free=FREE), ds.fit(scene, views, free=FREE, memory=1e6)

@@ -70,7 +70,12 @@ def test_a_fit_may_begin_at_the_scenes_values():
 
 
 @pytest.mark.parametrize(
-    ("sensor", "steps", "near"), [(None, None, True), (None, 1, False), (ds.Sensor(blur=0.5), None, False)]
+    ("sensor", "steps", "near"),
+    [
+        (None, 1, False),
+        pytest.param(None, None, True, marks=pytest.mark.thorough),
+        pytest.param(ds.Sensor(blur=0.5), None, False, marks=pytest.mark.thorough),
+    ],
 )
 def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(sensor, steps, near, monkeypatch):
     if steps is not None:

@@ -347,6 +347,7 @@ def test_lamps_nearby_a_near_viewer_and_noise_that_is_known():
     np.testing.assert_allclose(maps.shade(lit=11)[good], alone[11][good], atol=3e-3)
 
 
+@pytest.mark.thorough
 def test_regions_of_grey_photographs_share_one_exponent():
     """Under lamps and ambient light of colour, of which a grey photograph shows the mean."""
     ball = textured_ball(SIZE, intensity=np.array([1.0, 0.8, 0.6]))

@@ -38,7 +38,7 @@ def check(scene, views, normal, mask):
     assert after < before + SLACK
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("material", "count"), [("matte", 12), ("two", 20)])
 def test_exposures_of_a_bumpy_sphere_are_undone(material, count):
     of = bumpy(material, count, 60.0, off=1.0, cast=True)

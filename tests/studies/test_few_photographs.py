@@ -67,7 +67,9 @@ def check(material: str, count: int, cone: float, **how) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("material", "count"), [("matte", 6), ("two", 8), ("metal", 12)])
+@pytest.mark.parametrize(
+    ("material", "count"), [("matte", 6), pytest.param("two", 8, marks=pytest.mark.slow), ("metal", 12)]
+)
 def test_few_photographs_beat_least_squares(material, count):
     check(material, count, 60.0, off=1.0, cast=True)
 

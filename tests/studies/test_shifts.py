@@ -62,8 +62,13 @@ def of(name):
 EVERY = (*MATERIALS[:-1], "grey", "diligent_cat", "diligent_ball", "diligent_harvest")
 
 
+def slowly(names, but):
+    """The names as parameters, of which only some are of the thorough tier."""
+    return [name if name in but else pytest.param(name, marks=pytest.mark.slow) for name in names]
+
+
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", [*EVERY, "metal", "rti_dome"])
+@pytest.mark.parametrize("name", slowly([*EVERY, "metal", "rti_dome"], ("matte", "diligent_cat", "rti_dome")))
 def test_photographs_that_did_not_move_are_left(name):
     scene, views = of(name)
     assert found_in(scene, views) is None
@@ -71,8 +76,8 @@ def test_photographs_that_did_not_move_are_left(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("exposed", [False, True])
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("exposed", slowly([False, True], (True,)))
+@pytest.mark.parametrize("name", slowly(EVERY, ("matte", "diligent_cat")))
 def test_shifts_are_found_within_their_errors(name, exposed):
     scene, views = of(name)
     views, by = shifted(disturbed(views)[0] if exposed else views)
@@ -88,7 +93,8 @@ def test_shifts_are_found_within_their_errors(name, exposed):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("name", "count"), [("diligent_cat", 12), ("grey", 12), pytest.param("diligent_cat", 48, marks=pytest.mark.slow)]
+    ("name", "count"),
+    [("diligent_cat", 12), *(pytest.param(*of, marks=pytest.mark.slow) for of in (("grey", 12), ("diligent_cat", 48)))],
 )
 def test_normals_of_shifted_photographs_are_those_of_right_ones(name, count):
     if name == "grey":

@@ -79,7 +79,7 @@ def check(kind: str, count: int, seeds: range) -> None:
 
 
 @pytest.mark.parametrize("kind", FAULTS)
-@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("count", [4])  # one and twelve are among the twenty draws
 def test_what_is_called_determined_is_true_and_the_fault_is_named(kind, count):
     if count >= FAULTS[kind].fewest:
         check(kind, count, range(2))

@@ -58,8 +58,10 @@ def test_a_covariance_of_directions_has_two_axes():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("factor", [4.0, 0.25])
-@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize(
+    ("grey", "factor"),
+    [(False, 4.0), (True, 0.25), *(pytest.param(*of, marks=pytest.mark.slow) for of in ((False, 0.25), (True, 4.0)))],
+)
 def test_one_photograph_that_is_far_off_leaves_the_others_as_they_are(factor, grey):
     of = bumpy("two", 14, 60.0)
     images = [np.asarray(view.image) * (factor if i == 5 else 1.0) for i, view in enumerate(of.views)]

@@ -94,7 +94,7 @@ def test_one_ball_of_two_is_found():
     assert (found[0] < 3.0 * found[1]).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_drawn_balls_are_right_within_their_errors_or_refused():
     each = [found for kind in KINDS for seed in range(3) if (found := found_in(kind, seed)) is not None]
     off, errors = np.concatenate([of[0] for of in each]), np.concatenate([of[1] for of in each])

@@ -372,7 +372,7 @@ def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
 @pytest.mark.parametrize(
     ("free", "options", "noise", "shared"),
     [
-        ("direction", {}, ds.Noise(0.01, 0.1), True),
+        pytest.param("direction", {}, ds.Noise(0.01, 0.1), True, marks=pytest.mark.thorough),
         ("k_d", {}, None, False),  # each chunk has what its lights do there
         ("k_d", {"rendered": True}, None, True),
     ],

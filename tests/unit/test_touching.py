@@ -150,7 +150,8 @@ def test_a_pane_bends_the_same_however_thin_it_is_beside_its_distance(precision,
         np.testing.assert_allclose(render([pane, wall], camera), expected, atol=tolerance)
 
 
-@pytest.mark.parametrize("distance", [1e5, *(pytest.param(d, marks=pytest.mark.thorough) for d in (1e2, 1e7))])
+@pytest.mark.thorough
+@pytest.mark.parametrize("distance", [1e2, 1e5, 1e7])
 def test_a_ball_bends_the_same_from_afar(distance):
     wall = ds.Object(ds.Plane((0, 0, -3), (0, 0, 1)), ds.Material(k_a=ds.Chequer(0.1, 0.9, 3.0, smooth=True)))
     ball = glass(ds.Sphere(), 1.5, 1.0)
