@@ -36,7 +36,7 @@ takes as `mp_context`, or fork them before anything is computed.
 ## Pictures
 
 `render`, `shade`, `intersect`, `read_image`, `write_image`, `read_mask`, `open_image`, `LazyImage`, `srgb_encode`,
-`srgb_decode`, `write_figures`
+`srgb_decode`, `write_figures`, `draw_figure`
 
 ## Fits
 

@@ -110,6 +110,7 @@ from .report.calibration_picture import draw_calibration as draw_calibration
 from .report.comparison import draw_comparison as draw_comparison
 from .report.comparison import write_comparison as write_comparison
 from .report.lamp_picture import draw_lamp as draw_lamp
+from .report.lecture import draw_figure as draw_figure
 from .report.lecture import write_figures as write_figures
 from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels

@@ -555,8 +555,12 @@ def test_all_materials_of_a_file_are_converted(typed):
 def test_figures(typed, monkeypatch):
     drawn = {}
     monkeypatch.setattr(ds, "write_figures", lambda folder, **given: drawn.update(given, folder=folder) or [folder])
-    assert typed("figures", "lecture", "--only", "snell,lobes").out == "lecture\n"
+    assert (
+        typed("figures", "lecture", "--only", "snell,lobes", "--suffix", "svg", "--dark", "--scale", "2").out
+        == "lecture\n"
+    )
     assert (drawn["folder"], drawn["only"]) == (Path("lecture"), ("snell", "lobes"))
+    assert (drawn["suffix"], drawn["dark"], drawn["scale"]) == ("svg", True, 2)
 
 
 BAD = {
