@@ -83,25 +83,27 @@ def test_half_of_white_is_as_bright_as_the_stripes():
 
 @pytest.mark.thorough
 def test_only_some(tmp_path):
-    paths = ds.write_figures(str(tmp_path), only=("visibility", "cosine_powers"))
+    paths = ds.lecture.write_figures(str(tmp_path), only=("visibility", "cosine_powers"))
     assert [path.name for path in paths] == ["06_cosine_powers.png", "32_visibility.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["06_cosine_powers.png", "32_visibility.png"]
-    assert ds.write_figures(tmp_path / "one", only="cosine_powers") == (tmp_path / "one" / "06_cosine_powers.png",)
+    assert ds.lecture.write_figures(tmp_path / "one", only="cosine_powers") == (
+        tmp_path / "one" / "06_cosine_powers.png",
+    )
 
 
 def test_an_unknown_name_or_a_file_is_one_sentence_and_writes_nothing(tmp_path):
     with pytest.raises(ValueError, match=r"no figure is named 'snel'. Did you mean 'snell'\?"):
-        ds.write_figures(tmp_path / "out", only=("lobes", "snel"))
+        ds.lecture.write_figures(tmp_path / "out", only=("lobes", "snel"))
     with pytest.raises(ValueError, match=r"no figure is named 'zzz'. Known names: ambient_and_diffuse, "):
         ds.draw_figure("zzz")
     with pytest.raises(ValueError, match="figures are written as png, svg and pdf; got 'jpg'"):
-        ds.write_figures(tmp_path / "out", suffix="jpg")
+        ds.lecture.write_figures(tmp_path / "out", suffix="jpg")
     with pytest.raises(ValueError, match="scale must be 1, 2, 3 or 4; got 0"):
-        ds.write_figures(tmp_path / "out", scale=0)
+        ds.lecture.write_figures(tmp_path / "out", scale=0)
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").write_text("kept")
     with pytest.raises(NotADirectoryError, match="it is not a folder"):
-        ds.write_figures(tmp_path / "file", only="cosine_powers")
+        ds.lecture.write_figures(tmp_path / "file", only="cosine_powers")
     assert (tmp_path / "file").read_text() == "kept"
 
 
@@ -134,7 +136,9 @@ def test_the_highlight_of_plastic_is_white_and_that_of_a_metal_has_its_colour():
 def test_twice_the_scale_is_four_times_the_pixels_of_the_same_figure(tmp_path):
     """Words, curves and pictures, also what is drawn on a picture in its pixels."""
     for name in ("half_of_white", "warn_flaps"):
-        (small,), (large,) = (ds.write_figures(tmp_path / str(scale), only=name, scale=scale) for scale in (1, 2))
+        (small,), (large,) = (
+            ds.lecture.write_figures(tmp_path / str(scale), only=name, scale=scale) for scale in (1, 2)
+        )
         small, large = (iio.imread(path)[..., :3].astype(float) for path in (small, large))
         height, width, _ = small.shape
         assert np.abs(np.subtract(large.shape[:2], (2 * height, 2 * width))).max() <= 1  # pages end within a pixel
@@ -159,7 +163,7 @@ def test_a_dark_figure_has_light_words_and_the_same_pictures():
 
 @pytest.mark.parametrize("suffix", ["svg", "pdf"])
 def test_svg_and_pdf_hold_the_picture_and_the_curves(suffix, tmp_path):
-    (path,) = ds.write_figures(tmp_path, only="coloured_glass", suffix=suffix, dark=True)
+    (path,) = ds.lecture.write_figures(tmp_path, only="coloured_glass", suffix=suffix, dark=True)
     assert path.name == f"30_coloured_glass.{suffix}"
     data = path.read_bytes()
     assert data.startswith(b"<?xml" if suffix == "svg" else b"%PDF")
@@ -168,7 +172,7 @@ def test_svg_and_pdf_hold_the_picture_and_the_curves(suffix, tmp_path):
 
 
 def test_a_figure_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
-    (old,) = ds.write_figures(tmp_path, only="cosine_powers")
+    (old,) = ds.lecture.write_figures(tmp_path, only="cosine_powers")
     before = old.read_bytes()
 
     def fail(figure, path):
@@ -177,6 +181,6 @@ def test_a_figure_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Figure, "savefig", fail)
     with pytest.raises(KeyboardInterrupt):
-        ds.write_figures(tmp_path, only="cosine_powers")
+        ds.lecture.write_figures(tmp_path, only="cosine_powers")
     assert old.read_bytes() == before
     assert list(tmp_path.iterdir()) == [old]
