@@ -1,8 +1,10 @@
 """Build the documentation: python docs/build.py [FOLDER], by default output/docs. Any warning ends it.
 
+The figures of the lectures take two minutes; `--figures snell` shows one of them, and `--figures` none.
+
 pdoc makes the pages from the docstrings, the README and the Markdown files in docs/pages. Mathematics becomes MathML at
 build time. A page fetches nothing and opens offline: the only scripts are pdoc's search box and its index, search.js,
-beside the pages. The topics are those of diffshade's own docstring.
+beside the pages, as the figures of the lectures do. The topics are those of diffshade's own docstring.
 """
 
 from __future__ import annotations
@@ -14,8 +16,8 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Collection, Iterator, Mapping
-from html import unescape
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from html import escape, unescape
 from pathlib import Path
 from types import ModuleType
 
@@ -30,11 +32,15 @@ try:
     from pygments.formatters import HtmlFormatter
 
     import diffshade as ds
+    from diffshade.report.lecture import FIGURES
+    from diffshade.report.lecture.dark import darken
 except ModuleNotFoundError as error:
     package = (error.name or "").partition(".")[0]
     raise SystemExit(f"the documentation needs {package}, which is not here. Run pip install -e '.[docs]'.") from None
 
 ROOT = Path(__file__).resolve().parents[1]
+NAMES = "diffshade.html"
+LECTURES = "lectures.html"  # the page that shows the figures, which lie in a folder beside the pages
 # the texts, in the order of the menu: file, page, title
 TEXTS = (
     ("README.md", "index.html", "Overview"),
@@ -52,7 +58,7 @@ TEXTS = (
     ("docs/pages/large-images.md", "large-images.html", "Large images, devices"),
     ("docs/pages/accuracy-and-speed.md", "accuracy-and-speed.html", "Accuracy and speed"),
     ("benchmarks/SCALING.md", "scaling.html", "Cost of a pixel"),
-    ("docs/pages/lectures.md", "lectures.html", "The lectures"),
+    ("docs/pages/lectures.md", LECTURES, "The lectures"),
     ("CONTRIBUTING.md", "contributing.html", "Working on it"),
     ("CHANGELOG.md", "changelog.html", "Changes"),
 )
@@ -153,6 +159,27 @@ def text(source: str) -> str:
     return re.sub(r"\]\(([\w./-]+\.md)(#[\w-]+)?\)", link, found)
 
 
+def draw(folder: Path, figures: Iterable[str]) -> None:
+    """Draw the figures of the lectures, each for a light page and for a dark one."""
+    (folder / "figures").mkdir(exist_ok=True)
+    for name in figures:
+        figure = ds.lecture.draw_figure(name)
+        figure.savefig(folder / "figures" / f"{name}.png")
+        darken(figure).savefig(folder / "figures" / f"{name}-dark.png")
+
+
+def with_figures(markdown: str, figures: Iterable[str]) -> str:
+    """Link the names of figures to the pictures, which are put at the end of the text."""
+    shown = ["", "## Figures", ""]
+    for name in figures:
+        markdown = markdown.replace(f"`{name}`", f"[`{name}`](#figure-{name})")
+        what = (FIGURES[name].__doc__ or "").removeprefix("Draw ").partition(".\n")[0]
+        dark = f'<source srcset="figures/{name}-dark.png" media="(prefers-color-scheme: dark)">'
+        picture = f'<picture>{dark}<img src="figures/{name}.png" alt="{escape(what)}" loading="lazy"></picture>'
+        shown += [f'<figure id="figure-{name}">{picture}<figcaption><code>{name}</code></figcaption></figure>', ""]
+    return markdown + "\n".join(shown)
+
+
 def link_code(html: str, pages: Mapping[str, Collection[str]]) -> str:
     """Link code such as `ds.fit` to the entry of its name, and let long names break after a dot or an underscore."""
 
@@ -191,8 +218,9 @@ def text_entries(html: str, page: str, title: str) -> Iterator[dict[str, str]]:
         yield {**entry, "kind": "text", "doc": body.strip()}
 
 
-def build(folder: Path) -> None:
-    """Write every page, and the index of the search."""
+def build(folder: Path, figures: Collection[str]) -> None:
+    """Write every page, the figures, and the index of the search."""
+    draw(folder, figures)
     found = modules()
     names = {module: {name for of in by_topic.values() for name in of} for module, by_topic in found.items()}
     pdoc.render_helpers.markdown_extensions["latex"] = None
@@ -216,7 +244,7 @@ def build(folder: Path) -> None:
         entries += [entry for of in names[name] for entry in member_entries(module.members[of])]
     template = pdoc.render.env.get_template("text.html.jinja2")
     for source, page, title in TEXTS:
-        markdown = text(source)
+        markdown = with_figures(text(source), figures) if page == LECTURES else text(source)
         html = link_code(to_html(markdown), names)
         contents = getattr(pdoc.render_helpers.to_html(markdown), "toc_html", "")
         filled = template.render(html=html, contents=contents, here=page, title=title)
@@ -230,14 +258,16 @@ def main() -> None:
     """Read the arguments, build, and say where."""
     parser = argparse.ArgumentParser(description="Build the documentation.")
     parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "output" / "docs")
-    folder = parser.parse_args().folder
+    parser.add_argument("--figures", nargs="*", choices=FIGURES, default=FIGURES, help="to show  [default: all]")
+    arguments = parser.parse_args()
+    folder = arguments.folder
     if Path(ds.__file__).parents[1] != ROOT:
         raise SystemExit(
             f"the diffshade to document is not in this clone but {ds.__file__}. Run pip install -e '.[docs]'."
         )
     folder.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("error")
-    build(folder)
+    build(folder, arguments.figures)
     print(folder / "index.html")
 
 

@@ -88,7 +88,12 @@ def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) ->
 @click.command(**SETTINGS, epilog="Example: diffshade lamp floodlight.ies --distance 5")
 @click.argument("file", type=FILE)
 @click.option("-o", "--out", type=FILE, help=".png or .pdf  [default: the file's name, .png]")
-@click.option("--distance", type=float, default=3.0, help="From the lamp to a plane, metres  [default: 3]")
+@click.option(
+    "--distance",
+    type=float,
+    default=3.0,
+    help="Of a plane, metres; below 0: behind the lamp, as a ceiling  [default: 3]",
+)
 @click.option("--lamp-set", type=OneOf(("0", "1", "2", "3", "all")), help="The lit lamps of an LDT  [default: 0]")
 @click.option("--tilt", type=FILE, help="The file that TILT names in an IES file")
 @with_json
@@ -109,9 +114,14 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
     plane = light_on_plane(found, distance, 5)
     ds.lamps.draw_lamp(out, found, distance=distance)
     unit = "lux" if found.label.unit == "cd" else f"{found.label.unit.removesuffix('/sr')} per unit of area"
-    rows = ["".join(f"{value:10.4g}" for value in row) for row in plane.light]
-    ends = f"{plane.across[0]:g} to {plane.across[-1]:g}"
-    lines = [found, f"{unit} on a plane at {distance:g}, from {ends} along C0 and across:", *rows, out]
+    table = [("C90", plane.across), *zip(plane.across[::-1], plane.light, strict=True)]  # from the side of C90 on
+    rows = [f"{at:>7.4}" + "".join(f"{value:10.4g}" for value in row) for at, row in table]
+    lines = [
+        found,
+        f"{unit} on a plane at {distance:g}, over the places along C0 (to the right) and C90 (up):",
+        *rows,
+        out,
+    ]
     data = {
         "summary": str(found).splitlines(),
         "label": found.label,

@@ -11,7 +11,7 @@ from click.shell_completion import CompletionItem
 
 from .materials import find_material, find_materials, put_material
 from .pictures import check_holds_bands, check_picture, put_picture
-from .terminal import FILE, FOLDER, SETTINGS, Names, Size, answer, completions, with_json
+from .terminal import FILE, FOLDER, SETTINGS, Names, OneOf, Size, answer, completions, with_json
 
 if TYPE_CHECKING:
     import diffshade as ds
@@ -140,10 +140,13 @@ def _index(word: str) -> int:
 @click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")
 @click.argument("folder", type=FOLDER)
 @click.option("--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]")
+@click.option("--suffix", type=OneOf(("png", "svg", "pdf")), default="png", help="png, svg or pdf  [default: png]")
+@click.option("--dark", is_flag=True, help="Light words on a dark page")
+@click.option("--scale", type=int, default=1, help="Pixels for each, across, 1 to 4: 2 for a projector  [default: 1]")
 @with_json
-def figures(folder: Path, only: tuple[str, ...] | None) -> None:
+def figures(folder: Path, only: tuple[str, ...] | None, suffix: str, dark: bool, scale: int) -> None:
     """Write the figures of a lecture to FOLDER."""
     import diffshade as ds
 
-    paths = ds.lecture.write_figures(folder, only=only, progress=True)
+    paths = ds.lecture.write_figures(folder, only=only, suffix=suffix, dark=dark, scale=scale, progress=True)
     answer(paths, {"figures": paths})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,8 @@ from ..model.vectors import Vec3, cross, dot, normalize
 INCH = 5.0
 PIXELS = 121
 WIDTH = 2.0  # of the plane, over its distance
+LETTERS, LINE = 130, 0.14  # of a line of the summary, and its height in inches
+LINES = 5  # of equal light, at most
 
 
 class PlaneLight(NamedTuple):
@@ -35,16 +38,18 @@ def light_on_plane(lamp: MeasuredLight, distance: float, count: int = PIXELS) ->
 
     Args:
         lamp: The lamp.
-        distance: From the lamp to the plane, scene units, above 0.
+        distance: From the lamp to the plane, scene units; below 0 the plane is behind the lamp, as a ceiling is.
         count: Points along each side.
 
     Raises:
-        ValueError: The distance is not above 0.
+        ValueError: The distance is 0 or not finite.
     """
     check_kind("lamp", lamp, MeasuredLight, "read_lamp('lamp.ies')")
-    if not 0 < distance < np.inf:
-        raise ValueError(f"the distance must be above 0 and finite; got {in_short(distance)}. Give for example 3.")
-    along = np.linspace(-WIDTH / 2, WIDTH / 2, count) * distance
+    if not 0 < abs(distance) < np.inf:
+        raise ValueError(
+            f"the distance must be finite and not 0; got {in_short(distance)}. Give for example 3, or -3 for a ceiling."
+        )
+    along = np.linspace(-WIDTH / 2, WIDTH / 2, count) * abs(distance)
     with in_float64(lamp) as lamp:
         axis = normalize(Vec3.of(lamp.direction))
         side = Vec3.of(lamp.side)
@@ -52,7 +57,7 @@ def light_on_plane(lamp: MeasuredLight, distance: float, count: int = PIXELS) ->
         y = cross(x, axis)
         p = Vec3.of(lamp.position) + axis * distance + x * along[None, :] + y * along[::-1, None]
         l, intensity = lamp.arriving(p)
-        light = np.asarray(intensity.stack()).mean(-1) * np.asarray(-dot(l, axis))
+        light = np.asarray(intensity.stack()).mean(-1) * np.asarray(-dot(l, axis)) * np.sign(distance)
     return PlaneLight(along, light)
 
 
@@ -62,10 +67,11 @@ def draw_lamp(path: str | Path, lamp: MeasuredLight, *, distance: float = 3.0) -
     Args:
         path: The picture to write, .pdf or .png.
         lamp: The lamp.
-        distance: From the lamp to the plane, metres for lux; 3 by default.
+        distance: From the lamp to the plane, metres for lux; 3 by default. Below 0 the plane is behind the lamp, as a
+            ceiling is.
 
     Raises:
-        ValueError: If the suffix is neither, or the distance is not above 0.
+        ValueError: If the suffix is neither, or the distance is 0 or not finite.
         OSError: If the picture cannot be written.
     """
     from matplotlib.figure import Figure
@@ -73,13 +79,15 @@ def draw_lamp(path: str | Path, lamp: MeasuredLight, *, distance: float = 3.0) -
     if Path(path).suffix.lower() not in (".pdf", ".png"):
         raise ValueError(f"a lamp is drawn as .pdf or .png; got '{path}'. Give one of these suffixes.")
     shown = light_on_plane(lamp, distance)
-    figure = Figure(figsize=(2 * INCH, 1.25 * INCH), layout="constrained")
-    rows: Any = figure.add_gridspec(2, 2, height_ratios=(1.0, 0.25))
+    words = "\n".join(textwrap.fill(line, LETTERS, subsequent_indent="  ") for line in str(lamp).splitlines())
+    below = LINE * (words.count("\n") + 3)
+    figure = Figure(figsize=(2 * INCH, INCH + below), layout="constrained")
+    rows: Any = figure.add_gridspec(2, 2, height_ratios=(INCH, below))
     _polar(figure.add_subplot(rows[0, 0], projection="polar"), lamp)
     _plane(figure, figure.add_subplot(rows[0, 1]), shown, distance, lamp.label.unit)
     text = figure.add_subplot(rows[1, :])
     text.set_axis_off()
-    text.text(0.0, 1.0, str(lamp), va="top", family="monospace", fontsize=8)
+    text.text(0.0, 1.0, words, va="top", family="monospace", fontsize=8, in_layout=False)
     held = io.BytesIO()
     figure.savefig(held, format=Path(path).suffix[1:].lower(), dpi=110)
     with replacing(Path(path)) as temporary:
@@ -87,16 +95,22 @@ def draw_lamp(path: str | Path, lamp: MeasuredLight, *, distance: float = 3.0) -
 
 
 def _polar(axes: Any, lamp: MeasuredLight) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     profile, peak = lamp.profile, float(np.mean(lamp.intensity))
     vertical, horizontal = np.asarray(profile.vertical), np.asarray(profile.horizontal)
     values = np.asarray(profile.values) * peak
+    angles, seen = np.roll(np.arange(15, 360, 30), -4), np.zeros(12)  # between those that are named
     for C, colour in ((0.0, "tab:red"), (90.0, "tab:blue"))[: 1 if len(horizontal) == 1 else 2]:
         name = "all planes" if len(horizontal) == 1 else f"C{C:g} and C{C + 180:g}"
         for sign, at in ((1.0, C), (-1.0, C + 180.0)):
             row = plane(horizontal, values, at)
             axes.plot(sign * np.deg2rad(vertical), row, color=colour, lw=1.5, label=name if sign > 0 else None)
+            seen = np.maximum(seen, np.interp(sign * angles % 360, vertical, row, left=0.0, right=0.0))
     axes.set_theta_zero_location("S")  # the axis points down
     axes.set_thetagrids(np.arange(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
+    axes.set_rlabel_position(angles[seen.argmin()])  # where the least light goes, clear of the curve
+    axes.yaxis.set_major_locator(MaxNLocator(LINES))
     axes.tick_params(labelsize=7)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=7, frameon=False)  # clear of angles
     axes.set_title(f"intensity, {lamp.label.unit}", fontsize=9)
@@ -107,11 +121,22 @@ def _plane(figure: Any, axes: Any, shown: PlaneLight, distance: float, unit: str
     ends = (shown.across[0], shown.across[-1]) * 2
     image = axes.imshow(shown.light, cmap="inferno", extent=ends)
     top = float(shown.light.max())
-    if top > 0:
-        levels = [share * top for share in (0.1, 0.25, 0.5, 0.75)]
+    levels = _round_numbers(float(shown.light.min()), top)
+    if levels:
         lines = axes.contour(shown.across, shown.across[::-1], shown.light, levels, colors="white", linewidths=0.7)
-        axes.clabel(lines, fmt="%.3g", fontsize=7)
+        axes.clabel(lines, fmt="%g", fontsize=7)
     figure.colorbar(image, ax=axes, shrink=0.8, label=name)
-    axes.set_title(f"on a plane at a distance of {distance:g} ({'m' if unit == 'cd' else 'units'})", fontsize=9)
-    axes.set_xlabel("along C = 0", fontsize=8)
+    side = "on a plane behind the lamp, such as a ceiling," if distance < 0 else "on a plane"
+    axes.set_title(f"{side} at a distance of {abs(distance):g} {'m' if unit == 'cd' else 'units'}", fontsize=9)
+    axes.set_xlabel("along C0", fontsize=8)
+    axes.set_ylabel("along C90", fontsize=8)
     axes.tick_params(labelsize=7)
+
+
+def _round_numbers(low: float, high: float) -> list[float]:
+    """Return the largest of 1, 2, 5, 10, 20, 50 and so on, and of their tenths, between two numbers."""
+    if not high > max(low, 0.0):
+        return []
+    most = int(np.floor(np.log10(high)))
+    series = [float(f"{digit}e{power}") for power in range(most - LINES, most + 1) for digit in (1, 2, 5)]
+    return [number for number in series if low < number < high][-LINES:]

@@ -9,7 +9,7 @@ from figures import coarse, pictures, texts  # noqa: F401
 from matplotlib.figure import Figure
 
 import diffshade as ds
-from diffshade.report.lecture import FIGURES, draw_figure
+from diffshade.report.lecture import FIGURES
 from diffshade.report.lecture import pictures as pictures_module
 
 NAMES = tuple(FIGURES)
@@ -72,7 +72,7 @@ def rendered(scene, camera):
 
 def test_a_ball_is_what_render_gives(monkeypatch):
     monkeypatch.setattr(pictures_module, "RAYS", 3)
-    figure = draw_figure("diffuse_over_k_d")
+    figure = ds.lecture.draw_figure("diffuse_over_k_d")
     scene = ds.Scene(
         ds.Object(ds.Sphere(), ds.Material(k_d=0.6)), ds.PointLight((3, 4, 6)), background=(0.055, 0.06, 0.075)
     )
@@ -83,27 +83,27 @@ def test_a_ball_is_what_render_gives(monkeypatch):
 
 
 def test_two_faces_are_one_without_attenuation():
-    without, attenuated = pictures(draw_figure("parallel_faces"))
+    without, attenuated = pictures(ds.lecture.draw_figure("parallel_faces"))
     near, far = (110, 150), (40, 220)
     np.testing.assert_allclose(without[near], without[far], rtol=0.02)
     np.testing.assert_allclose(attenuated[far], 0.5 * attenuated[near], rtol=0.03)  # twice as far, 1/d
 
 
 def test_a_blue_ball_is_black_in_red_light():
-    _, red = pictures(draw_figure("colour_of_light"))
+    _, red = pictures(ds.lecture.draw_figure("colour_of_light"))
     np.testing.assert_allclose(red[60:120, 220:280], 0.0, atol=1e-6)
     assert red[90, 90, 0] > 0.3
 
 
 def test_at_k_t_1_there_is_only_the_wall_and_at_0_only_the_ball():
-    opaque, *_, invisible = pictures(draw_figure("transmission"))
+    opaque, *_, invisible = pictures(ds.lecture.draw_figure("transmission"))
     assert len(np.unique(np.round(invisible[120:200, 60:160], 3).reshape(-1, 3), axis=0)) < 16  # two colours and edges
     assert len(np.unique(np.round(opaque[120:200, 60:160], 3).reshape(-1, 3), axis=0)) > 300
 
 
 def test_the_highlight_grows_into_the_window_in_the_mirror():
     """What is brighter than half of the brightest overlaps ever more with what the ideal mirror shows."""
-    images = [image[..., 0] - image[..., 0].min() for image in pictures(draw_figure("ideal_mirror"))]
+    images = [image[..., 0] - image[..., 0].min() for image in pictures(ds.lecture.draw_figure("ideal_mirror"))]
     *highlights, mirror = (image > 0.5 * image.max() for image in images)
     overlap = [(bright & mirror).sum() / (bright | mirror).sum() for bright in highlights]
     assert overlap[0] < 0.6
@@ -112,13 +112,13 @@ def test_the_highlight_grows_into_the_window_in_the_mirror():
 
 
 def test_light_beyond_a_flap_is_dark():
-    air = pictures(draw_figure("warn_flaps"))[1]  # x from -0.35 to 0.2 of 2.2 across 170 pixels
+    air = pictures(ds.lecture.draw_figure("warn_flaps"))[1]  # x from -0.35 to 0.2 of 2.2 across 170 pixels
     lit = air[160, :, 0] > 0.1
     np.testing.assert_allclose(np.flatnonzero(lit)[[0, -1]] + 0.5, 85 + 170 / 2.2 * np.array([-0.35, 0.2]), atol=1)
 
 
 def test_two_panes_pass_the_product_of_what_each_passes():
-    panes = pictures(draw_figure("coloured_glass"))[-1]
+    panes = pictures(ds.lecture.draw_figure("coloured_glass"))[-1]
     np.testing.assert_allclose(panes[10, 10], 0.95, atol=1e-5)
     cyan, magenta = panes[50, 110], panes[150, 45]
     np.testing.assert_allclose(cyan, 0.95 * np.array([0.08, 0.95, 0.95]), atol=1e-5)
@@ -127,4 +127,6 @@ def test_two_panes_pass_the_product_of_what_each_passes():
 
 
 def test_the_angle_to_h_is_half_the_angle_to_r():
-    assert any("= 32.0°" in words and "= 16.0°" in words for words, _ in texts(draw_figure("phong_and_blinn")))
+    assert any(
+        "= 32.0°" in words and "= 16.0°" in words for words, _ in texts(ds.lecture.draw_figure("phong_and_blinn"))
+    )

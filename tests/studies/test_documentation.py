@@ -48,7 +48,11 @@ def site(tmp_path_factory):
     for name in ("pdoc", "latex2mathml"):
         pytest.importorskip(name, reason=f"the documentation needs {name}: pip install 'diffshade[docs]'.")
     folder = tmp_path_factory.mktemp("docs")
-    done = subprocess.run([sys.executable, ROOT / "docs" / "build.py", folder], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs" / "build.py", folder, "--figures", "snell", "lobes"],
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return folder
@@ -86,8 +90,13 @@ def test_a_page_needs_nothing_from_elsewhere(site, pages):
     for page in pages.values():
         assert not {"iframe", "link"} & set(page.tags)
         assert page.tags.count("script") == 1  # the search box, which loads search.js from beside the page
-        assert all(source.startswith("data:image/") for source in page.sources)
-    assert {path.name for path in site.iterdir()} == {*pages, "search.js"}
+        figures = [source for source in page.sources if not source.startswith("data:image/")]
+        assert figures == (["figures/snell.png", "figures/lobes.png"] if page is pages["lectures.html"] else [])
+    assert {path.name for path in site.iterdir()} == {*pages, "figures", "search.js"}
+    drawn = {path.name for path in (site / "figures").iterdir()}
+    assert drawn == {"snell.png", "snell-dark.png", "lobes.png", "lobes-dark.png"}
+    assert {"figure-snell", "figure-lobes"} <= pages["lectures.html"].places
+    assert pages["lectures.html"].links.count("#figure-snell") == 2  # in the tables of both lectures
     (script,) = re.findall(r"<script>.*?</script>", (site / "index.html").read_text(encoding="utf-8"), re.DOTALL)
     assert "http" not in script
 

@@ -10,6 +10,7 @@ import pytest
 from browser import chromium
 from maps_stage import Stage
 from report_pages import Page
+from scipy import ndimage
 
 import diffshade as ds
 
@@ -131,6 +132,41 @@ def test_the_heights_cast_the_shadows_of_a_ridge(stage, bumpy):
     own = stage.shown(np.full(3, 0.03), 0)  # k_e + k_a I_a
     np.testing.assert_allclose(drawn[HEIGHT // 2][hidden], np.broadcast_to(own, (hidden.sum(), 3)), atol=1 / 255)
     np.testing.assert_allclose(drawn[HEIGHT // 2][lit], free[HEIGHT // 2][lit], atol=2 / 255)
+
+
+def test_a_spike_of_one_texel_casts_no_slit(bumpy, browser, tmp_path):
+    maps, heights, views = bumpy
+    raised = np.array(heights.height)
+    row, column = HEIGHT // 2, WIDTH // 5  # before the ridge
+    raised[row, column] += 0.3
+    drawn = []
+    for name, height in (("flat", heights.height), ("spike", raised)):
+        given = dataclasses.replace(heights, height=height)
+        ds.write_report(tmp_path / f"{name}.html", maps, views=views, heights=given, full=True)
+        stage = Stage(browser, tmp_path / f"{name}.html")
+        drawn.append(stage.draw(view="0", azimuth=180.0, elevation=20.0, shadows="cast"))
+    beside = np.s_[row - 4 : row + 5, column + 2 : column + 6]
+    assert drawn[0][beside].max() > 0.3
+    assert np.abs(drawn[1] - drawn[0])[beside].max() < 0.05
+
+
+def test_a_silhouette_is_sharp_and_without_steps_where_texels_are_wide(stage, bumpy):
+    maps, wide = bumpy[0], 4
+    kinds = [overlay["kind"] for overlay in stage.told["overlays"]]
+    stage.set("overlay", str(kinds.index(1)))  # normals: one channel is half of white or more
+    stage.resize(wide)
+    stage.height, stage.width = wide * stage.height, wide * stage.width
+    bright = stage.draw(shadows="none").max(-1)
+    texels = np.kron(maps.status > 0, np.ones((wide, wide))) > 0
+    inside = np.asarray(bright > 0.25, bool)
+    grown, shrunk = (
+        np.asarray(of(texels, iterations=wide)) for of in (ndimage.binary_dilation, ndimage.binary_erosion)
+    )
+    assert not (inside > grown).any()
+    assert not (shrunk > inside).any()
+    assert 0 < (inside != texels).sum() < 0.5 * wide * (texels[:, 1:] != texels[:, :-1]).sum()  # corners are cut
+    between = ((bright > 0.02) & (bright < 0.45)).sum(1)
+    assert between.mean() < 2 * (texels[:, 1:] != texels[:, :-1]).sum(1).mean()
 
 
 def test_overlays_show_the_numbers(stage, bumpy):

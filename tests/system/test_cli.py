@@ -557,8 +557,11 @@ def test_figures(typed, monkeypatch):
     drawn = {}
     write = lambda folder, **given: drawn.update(given, folder=folder) or [folder]  # noqa: E731
     monkeypatch.setattr(ds.lecture, "write_figures", write)
-    assert typed("figures", "lecture", "--only", "snell,lobes").out == "lecture\n"
+    words = ("figures", "lecture", "--only", "snell,lobes", "--suffix", "svg", "--dark", "--scale", "2")
+    assert typed(*words).out == "lecture
+"
     assert (drawn["folder"], drawn["only"]) == (Path("lecture"), ("snell", "lobes"))
+    assert (drawn["suffix"], drawn["dark"], drawn["scale"]) == ("svg", True, 2)
 
 
 BAD = {

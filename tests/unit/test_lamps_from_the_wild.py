@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from lamp_files import VERTICAL, beam, ies, ldt
+from matplotlib.figure import Figure
 from measured import measured
 
 import diffshade as ds
 from diffshade.cli import main
-from diffshade.report.lamp_picture import light_on_plane
+from diffshade.report.lamp_picture import _round_numbers, light_on_plane
 
 ROW = beam(0, VERTICAL)[None]
 
@@ -230,7 +231,10 @@ def test_a_lamp_is_drawn_and_told_at_the_terminal(tmp_path, capfd, monkeypatch):
     x, y = np.meshgrid(told["across"], told["across"])
     lambertian = 100 * 4 / (x**2 + y**2 + 4) ** 2  # cos^4 / d^2
     np.testing.assert_allclose(told["light"], lambertian, rtol=1e-3)
-    for given, message in ((["--distance", "0"], "must be above 0"), (["-o", "a.gif"], "is drawn as .pdf or .png")):
+    for given, message in (
+        (["--distance", "0"], "must be finite and not 0"),
+        (["-o", "a.gif"], "is drawn as .pdf or .png"),
+    ):
         with pytest.raises(SystemExit) as end:
             main(["lamp", "a.ies", *given])
         assert end.value.code == 1
@@ -244,3 +248,50 @@ def test_the_plane_is_seen_from_behind_the_lamp(tmp_path):
     light = light_on_plane(lamp, 3.0, 5).light
     assert light[2, 4] > light[2, 0]
     assert light[0, 2] > light[4, 2]  # C = 90 up
+
+
+def test_a_ceiling_is_a_plane_behind_the_lamp(tmp_path):
+    """An uplight lights it as the same lamp, turned over, lights a floor; the sides of C0 and C90 stay."""
+    C, gamma = np.arange(0, 361, 22.5), np.arange(0.0, 91, 5)
+    values = beam(C[:, None], gamma)
+    down = ds.lamps.read_lamp(write(tmp_path, "down.ies", ies(C, values, gamma)))
+    up = ds.lamps.read_lamp(write(tmp_path, "up.ies", ies(C, values[:, ::-1], 180 - gamma[::-1])))
+    np.testing.assert_allclose(light_on_plane(up, -2.0, 9).light, light_on_plane(down, 2.0, 9).light, rtol=1e-9)
+    assert light_on_plane(up, 2.0, 9).light.max() == 0
+    assert light_on_plane(up, -2.0, 9).across[0] == -2
+
+
+def test_lines_of_equal_light_have_round_numbers():
+    assert _round_numbers(0.7, 30.9) == [1, 2, 5, 10, 20]
+    assert _round_numbers(80, 18220) == [500, 1000, 2000, 5000, 10000]
+    assert _round_numbers(0.0, 0.5) == [0.01, 0.02, 0.05, 0.1, 0.2]
+    assert _round_numbers(11, 19) == _round_numbers(0, 0) == _round_numbers(3, 3) == []
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_picture_of_a_lamp_says_the_planes_and_no_label_is_on_a_curve(behind, tmp_path, monkeypatch):
+    gamma = np.arange(0.0, 91, 5)
+    row, angles = 100 * np.cos(np.deg2rad(gamma))[None], gamma
+    if behind:
+        row, angles = row[:, ::-1], 180 - gamma[::-1]
+    name = "[MANUFAC] " + "A VERY LONG NAME OF A MAKER, " * 9
+    lamp = ds.lamps.read_lamp(write(tmp_path, "a.ies", ies([0], row, angles, before=f"IESNA:LM-63-2002\n{name}\n")))
+    drawn = []
+    save = Figure.savefig
+    monkeypatch.setattr(
+        Figure, "savefig", lambda figure, *given, **more: drawn.append(figure) or save(figure, *given, **more)
+    )
+    ds.lamps.draw_lamp(tmp_path / "a.png", lamp, distance=-3 if behind else 3)
+    (figure,) = drawn
+    polar, plane, _, summary = figure.axes
+    assert (plane.get_xlabel(), plane.get_ylabel()) == ("along C0", "along C90")
+    assert ("ceiling" in plane.get_title()) == behind
+    assert polar.get_window_extent().width > 0.35 * figure.bbox.width  # however long the name is
+    box = summary.texts[0].get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert 0 <= box.y0 < box.y1 < plane.get_window_extent().y0
+    on_curves = np.concatenate([line.get_transform().transform(line.get_xydata()) for line in polar.lines])
+    for label in polar.yaxis.get_ticklabels():
+        box = label.get_window_extent()
+        inside = (on_curves > (box.x0, box.y0)) & (on_curves < (box.x1, box.y1))
+        assert not inside.all(1).any(), label.get_text()

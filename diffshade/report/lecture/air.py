@@ -12,7 +12,7 @@ from ...model.lights import DirectionalLight
 from ...model.materials import Material
 from ...model.patterns import Chequer
 from ...model.scenes import Object, Scene
-from ...model.surfaces import Plane, Sphere
+from ...model.surfaces import Box, Sphere
 from .pages import draw_curves, grid, name_axes, page, place
 from .pictures import PALE, evaluate, picture
 
@@ -47,8 +47,10 @@ def depth_cueing() -> Figure:
         "depth cueing, $z_f$ = 6, $z_b$ = 24": DepthCueing(6, 24, I_dc=PALE),
         r"fog, $\rho$ = 0.06": Fog(0.06, I_dc=PALE),
     }
+    # it ends before its squares are narrower than a pixel
     floor = Object(
-        Plane((0, -1, 0)), Material(k_a=Chequer((0.1, 0.12, 0.1), (0.3, 0.32, 0.28), 6, u=(1, 0, 0), v=(0, 0, 1)))
+        Box((0, -1.1, -12), (80, 0.2, 48)),
+        Material(k_a=Chequer((0.1, 0.12, 0.1), (0.3, 0.32, 0.28), 6, u=(1, 0, 0), v=(0, 0, 1))),
     )
     row = [
         Object(Sphere((-3.2 + 2.0 * i, 0, 0.8 - 3.2 * i)), Material(0.05, (0.6, 0.14, 0.08), 0.5, 30)) for i in range(8)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ...io.encodings import srgb_decode, srgb_encode
 from .pages import DPI, draw_curves, name_axes, page, place, show
-from .pictures import Picture
+from .pictures import SCALE, Picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,4 +58,4 @@ def _scale(values: np.ndarray) -> Picture:
 
 
 def _grey(values: Float[np.ndarray, "h w"]) -> Picture:
-    return values[..., None] * np.ones(3)
+    return np.kron(values, np.ones((SCALE.get(), SCALE.get())))[..., None] * np.ones(3)

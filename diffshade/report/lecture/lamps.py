@@ -14,9 +14,8 @@ from ...model.materials import Material
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Box, Plane, Sphere
 from ...model.vectors import Vec3
-from . import pictures
-from .pages import draw_curves, grid, name_axes, page, place
-from .pictures import DARK, Picture, displayed, evaluate, picture, toward
+from .pages import draw_curves, grid, name_axes, page, place, show
+from .pictures import DARK, Picture, displayed, evaluate, fine, picture, toward
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,6 +69,23 @@ def attenuation_curves() -> Figure:
     axes.set_ylim(0, 1.05)
     axes.legend(fontsize=9, frameon=False, loc="upper right")
     name_axes(axes, r"$\phi$, the angle off the axis", "$f_{ang}$", r"angular: $\cos^{a_l}\phi$ up to the cutoff")
+    return figure
+
+
+def attenuation_at_most_1() -> Figure:
+    """Draw 1/d^2 and min(1, 1/d^2), and a wall that a near lamp lights with each."""
+    figure = page("$\\min(1, f_{rad})$: near to a lamp nothing is brighter than the lamp itself", 10.2, 3.9)
+    laws = {"$1/d^2$": RadialAttenuation(0, 0, 1), "min(1, $1/d^2$)": RadialAttenuation(0, 0, 1, clamp=True)}
+    axes, d = place(figure, 0.75, 0.85, 3.2, 2.4), np.linspace(0.2, 4.0, 381)
+    draw_curves(axes, d, {name: evaluate(law, d) for name, law in laws.items()})
+    axes.lines[-1].set_linestyle("--")
+    axes.legend(fontsize=9, frameon=False)
+    axes.set(xlim=(0, 4), ylim=(0, 3), xticks=range(5))
+    name_axes(axes, "$d$, scene units", "$f_{rad}$")
+    for i, (name, law) in enumerate(laws.items()):
+        wall = Object(Plane((0, 0, -0.4), (0, 0, 1)), Material(k_d=(0.8, 0.62, 0.4)))
+        camera = OrthographicCamera((0, 0, 5), height=3.4, shape=(288, 330))
+        show(figure, 4.3 + 2.85 * i, 0.85, picture(Scene(wall, PointLight((0, 0, 0), 1, law)), camera), name)
     return figure
 
 
@@ -138,7 +154,7 @@ def _cards(law: RadialAttenuation, count: int, height: float, shape: tuple[int, 
 
 def light_in_the_air(light: SpotLight) -> Picture:
     """Return the intensity that arrives at each point of an upright plane through the lamp."""
-    count = 170 * pictures.RAYS
+    count = fine(170)
     y, x = np.meshgrid(np.linspace(1.2, -1.0, count), np.linspace(-1.1, 1.1, count), indexing="ij")
     _, arriving = evaluate(SpotLight.arriving, light, Vec3(x, y, np.zeros_like(x)))
     return displayed(0.8 * np.asarray(arriving.stack()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,7 @@ from ...model.rendering import intersect, render
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Sphere
 from ...model.vectors import Vec3, cross, dot, normalize, reflect
-from .pages import COLOURS, GREY, grid, page, place
+from .pages import COLOURS, GREY, SCALED, grid, page, place
 from .pictures import Picture, displayed, evaluate, finer, toward
 from .sketches import LETTER, arc, arrow, sheet, vector
 
@@ -26,9 +27,7 @@ if TYPE_CHECKING:
 LIGHT = "#b07a00"
 BALL = Object(Sphere(), Material(k_a=0, k_d=0, k_s=1, n_s=1))
 # cos phi / d^2 of each spot: equally bright from everywhere, as a window is
-WINDOW = AreaLight(
-    (-3.2, 0.6, 2.4), (0, 3.2, 0), (3.4, 0, 1.2), exponent=1, attenuation=RadialAttenuation(0, 0, 1), samples=16
-)
+WINDOW = AreaLight((-3.2, 0.6, 2.4), (0, 3.2, 0), (3.4, 0, 1.2), exponent=1, attenuation=RadialAttenuation(0, 0, 1))
 
 
 def mirror_direction() -> Figure:
@@ -48,13 +47,13 @@ def mirror_direction() -> Figure:
         vector(axes, n, "n")
         vector(axes, l, "l", LIGHT)
         arrow(axes, (x, foot), (0, foot), COLOURS[0])
-        axes.text(0.5 * x, foot + 0.09, "s", color=COLOURS[0], ha="center", va="center", **LETTER)
+        axes.text(0.5 * x, foot + 0.09, "$s$", color=COLOURS[0], **LETTER)
         arc(axes, -38.0, 0.0, 0.3, r"$\theta$", gap=0.1)
         if i == 0:
             axes.text(0.05, 0.5 * foot, r"$(n \cdot l)\,n$", color=COLOURS[2], ha="left", va="center", fontsize=11)
         else:
             arrow(axes, (0, foot), (float(r.x), foot), COLOURS[0])
-            axes.text(-0.5 * x, foot + 0.09, "s", color=COLOURS[0], ha="center", va="center", **LETTER)
+            axes.text(-0.5 * x, foot + 0.09, "$s$", color=COLOURS[0], **LETTER)
             vector(axes, r, "r", COLOURS[1])
             arc(axes, 0.0, 38.0, 0.3, r"$\theta$", gap=0.1)
     return figure
@@ -68,14 +67,15 @@ def ideal_mirror() -> Figure:
         r"As $n_s$ grows, the highlight becomes the mirror image of the light: here of a bright window",
         [row],
         columns=[*(f"$n_s$ = {n_s}" for n_s in exponents), r"ideal mirror, $n_s \to \infty$"],
-        note="The highlight alone; each picture is scaled to its brightest point.",
+        note=f"The highlight alone. {SCALED}",
     )
 
 
 def _highlight(camera: AbstractCamera, n_s: float) -> Picture:
     """Return the highlight of the window."""
     ball = Object(BALL.surface, Material(k_a=0, k_d=0, k_s=1, n_s=n_s))
-    image = np.asarray(render(Scene(ball, WINDOW), finer(camera)), np.float64)
+    window = dataclasses.replace(WINDOW, samples=24 if n_s > 100 else 16)  # closer than the highlight of each is wide
+    image = np.asarray(render(Scene(ball, window), finer(camera)), np.float64)
     return _on_ball(camera, image / image.max())
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from .pictures import Picture
+from .pictures import SCALE, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,13 +18,14 @@ DPI = 120
 GAP, MARGIN, TITLE, LABEL, SIDE, NOTE = 0.06, 0.2, 0.5, 0.24, 0.95, 0.4  # inches
 COLOURS = ("#1f5fa8", "#d1383d", "#2a8f5b", "#e08a1e", "#7b4ba6", "#333333", "#17a2a8")
 GREY = "#555555"
+SCALED = "Each picture is scaled to its brightest point."
 
 
 def page(title: str, width: float, height: float, *, note: str = "") -> Figure:
     """Return an empty figure with a title and a note at the bottom."""
     import matplotlib.figure
 
-    figure = matplotlib.figure.Figure(figsize=(width, height), dpi=DPI)
+    figure = matplotlib.figure.Figure(figsize=(width, height), dpi=DPI * SCALE.get())
     figure.text(0.5, 1 - 0.13 / height, title, ha="center", va="top", fontsize=12)
     figure.text(0.5, 0.12 / height, note, ha="center", va="bottom", fontsize=9, color=GREY)
     return figure
@@ -38,8 +39,9 @@ def place(figure: Figure, left: float, top: float, width: float, height: float, 
 
 def show(figure: Figure, left: float, top: float, image: Picture, label: str = "") -> Axes:
     """Place a picture, pixel for pixel, with a label above it."""
-    axes = place(figure, left, top, image.shape[1] / DPI, image.shape[0] / DPI)
-    axes.imshow(image)
+    height, width = (size / SCALE.get() for size in image.shape[:2])
+    axes = place(figure, left, top, width / DPI, height / DPI)
+    axes.imshow(image, extent=(-0.5, width - 0.5, height - 0.5, -0.5))  # in pixels of the page
     axes.set_axis_off()
     axes.set_title(label, fontsize=10, pad=4)
     return axes
@@ -55,7 +57,7 @@ def grid(
     note: str = "",
 ) -> Figure:
     """Return pictures of one shape in rows, with a name for each column and row, or for each of the pictures."""
-    height, width = (size / DPI for size in rows[0][0].shape[:2])
+    height, width = (size / DPI / SCALE.get() for size in rows[0][0].shape[:2])
     left, top = SIDE if sides else MARGIN, TITLE + (LABEL if columns or labels else 0.0)
     across, down = width + GAP, height + (LABEL if labels else GAP)
     foot = NOTE if note else MARGIN

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from contextvars import ContextVar
 from typing import Any
 
 import jax
@@ -25,6 +26,7 @@ Picture = Float[np.ndarray, "h w 3"]
 RAYS = 3  # per pixel, horizontally and vertically
 DARK = (0.055, 0.06, 0.075)  # a background against which a black ball is still visible
 PALE = (0.62, 0.66, 0.72)
+SCALE: ContextVar[int] = ContextVar("SCALE", default=1)  # pixels drawn for each pixel of a page, across
 
 
 def picture(scene: Scene, camera: AbstractCamera) -> Picture:
@@ -42,16 +44,16 @@ def line_drawing(scene: Scene, camera: AbstractCamera) -> Picture:
         off_plane = np.abs(np.sum((p[there] - p[here]) * n[here], -1)) > 0.08
         creased = np.sum(n[there] * n[here], -1) < 0.8
         lines[here] |= np.where(inside[here] & inside[there], off_plane | creased, inside[here] != inside[there])
-    for _ in range(2):  # to about two pixels
+    for _ in range(2 * SCALE.get()):  # to about two pixels
         lines[1:] |= lines[:-1]
         lines[:, 1:] |= lines[:, :-1]
     return displayed(np.where(lines[..., None], 0.02, 1.0) * np.ones(3))
 
 
-def displayed(fine: Float[np.ndarray, "H W 3"]) -> Picture:
+def displayed(image: Float[np.ndarray, "H W 3"]) -> Picture:
     """Return linear radiance of 3 x 3 values per pixel as sRGB for display."""
-    height, width = fine.shape[0] // RAYS, fine.shape[1] // RAYS
-    mean = fine.reshape(height, RAYS, width, RAYS, 3).mean((1, 3))
+    height, width = image.shape[0] // RAYS, image.shape[1] // RAYS
+    mean = image.reshape(height, RAYS, width, RAYS, 3).mean((1, 3))
     return srgb_encode(np.clip(mean, 0.0, 1.0))
 
 
@@ -74,6 +76,11 @@ def toward(degrees: Numbers) -> Vec3:
 
 
 def finer(camera: AbstractCamera) -> AbstractCamera:
-    """Return the camera with 3 x 3 pixels for each of its own, as `displayed` takes them."""
+    """Return the camera with 3 x 3 pixels for each of a picture, as `displayed` takes them."""
     height, width = camera.shape
-    return dataclasses.replace(camera, shape=(RAYS * height, RAYS * width))
+    return dataclasses.replace(camera, shape=(fine(height), fine(width)))
+
+
+def fine(pixels: int) -> int:
+    """Return how many rays there are in so many pixels of a page, across."""
+    return RAYS * SCALE.get() * pixels

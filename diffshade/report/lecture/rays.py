@@ -82,5 +82,4 @@ def _draw_to_light(axes: Axes, light: AbstractEmitter) -> None:
         l = evaluate(lambda p: light.path(p).l, p)
         arrow(axes, (float(x), float(y)), (float(x + 0.5 * l.x), float(y + 0.5 * l.y)))
         axes.plot(x, y, "o", color="black", markersize=4, zorder=5)
-        name = axes.text(float(x + 0.64 * l.x), float(y + 0.64 * l.y), "l", ha="center", va="center", **LETTER)
-        name.set_bbox({"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none"})
+        axes.text(float(x + 0.6 * l.x), float(y + 0.6 * l.y), "$l$", **LETTER)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 RED = "#d1383d"
 Point: TypeAlias = tuple[Any, Any]
-LETTER: dict[str, Any] = {"fontsize": 14, "fontweight": "bold", "fontstyle": "italic", "family": "serif"}
+LETTER: dict[str, Any] = {"fontsize": 15, "ha": "center", "va": "center"}
 
 
 def sheet(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
@@ -47,7 +47,7 @@ def vector(axes: Axes, direction: Vec3, name: str, colour: str = "black") -> Non
     """Draw a unit vector from the origin, its name at the tip."""
     x, y = float(direction.x), float(direction.y)
     arrow(axes, (0, 0), (x, y), colour)
-    axes.text(1.11 * x, 1.11 * y, name, color=colour, ha="center", va="center", **LETTER)
+    axes.text(1.11 * x, 1.11 * y, f"${name}$", color=colour, **LETTER)
 
 
 def arc(axes: Axes, start: float, end: float, radius: float, name: str, *, gap: float = 0.12) -> None:

@@ -47,7 +47,7 @@ def lobes() -> Figure:
             style = {"arrowstyle": "-|>", "linewidth": 1.4, "color": "black", "shrinkA": 0, "shrinkB": 0}
             angle = np.deg2rad(degrees)
             axes.annotate("", (angle, tip), (angle, tail), arrowprops=style)
-            axes.text(angle, 1.1, letter, ha="center", va="center", **LETTER)
+            axes.text(angle, 1.1, f"${letter}$", **LETTER)
         figure.text((left + 1.85) / 9.4, 0.2 / 3.5, f"{name}: $n_s$ = {n_s}", ha="center", fontsize=11)
     figure.text(0.5, 0.1, "diffuse alone", color=COLOURS[0], ha="center", fontsize=9)
     figure.text(0.5, 0.04, "with highlight", color=COLOURS[1], ha="center", fontsize=9)
@@ -103,7 +103,7 @@ def fresnel_weight() -> Figure:
 
 def phong_and_blinn() -> Figure:
     """Draw r and h for one l and v, and a ball with each highlight."""
-    figure = page("Phong looks at the mirror direction r, Blinn at the halfway vector h: half the angle", 9.6, 3.4)
+    figure = page("Phong looks at the mirror direction $r$, Blinn at the halfway vector $h$: half the angle", 9.6, 3.4)
     l, n, v = toward(-50), toward(0), toward(18)
     r, h = evaluate(reflect, l, n), evaluate(halfway, l, v)
     phi, alpha = _angle(v, r), _angle(n, h)
@@ -137,9 +137,12 @@ def viewers() -> Figure:
         [picture(scene, OrthographicCamera((0, 0, 4), height=3, shape=(190, 760), local_viewer=local))]
         for local in (True, False)
     ]
-    labels = ["v from each point: the highlights turn to the eye", "one v for all: the same highlight on each ball, "]
+    labels = [
+        "$v$ from each point: the highlights turn to the eye",
+        "one $v$ for all: the same highlight on each ball, ",
+    ]
     labels[1] += "and an even wall"
-    return grid("One v for all points is cheaper, and right only for a far eye", rows, labels=labels)
+    return grid("One $v$ for all points is cheaper, and right only for a far eye", rows, labels=labels)
 
 
 def _floor(material: Material) -> Picture:

@@ -17,13 +17,13 @@ from ...model.transmission import bend
 from ...model.vectors import Vec3, reflect, refract
 from .pages import GREY, grid, page, place
 from .pictures import Picture, evaluate, picture, toward
-from .sketches import RED, arc, ray, sheet
+from .sketches import RED, arc, arrow, ray, sheet, vector
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GLASS, GREEN, BLUE, INDEX = "#d7e9f4", "#2a8f5b", "#1f5fa8", 1.61
+GLASS, GREEN, BLUE, LIGHT, INDEX = "#d7e9f4", "#2a8f5b", "#1f5fa8", "#b07a00", 1.61
 
 
 def snell() -> Figure:
@@ -42,6 +42,43 @@ def snell() -> Figure:
         sheet(axes, (-1.2, 1.2), (-1.07, 1.07))
         axes.set_title(title, fontsize=10, pad=4)
         draw(axes)
+    return figure
+
+
+def transmission_vector() -> Figure:
+    """Draw T beside n, l and r, and how it follows from l and n."""
+    figure = page(r"The transmission vector $T$ is a part of $n$ less a part of $l$", 9.6, 4.6)
+    l, n, ratio = toward(-40), toward(0), 1 / INDEX
+    T, _ = evaluate(refract, l, n, np.asarray(ratio))
+    r = evaluate(reflect, l, n)
+    bent = 180 - float(np.rad2deg(np.arctan2(T.x, -T.y)))
+    words = r"$T = (\frac{\eta_i}{\eta_r}\cos\theta_i - \cos\theta_r)\,n - \frac{\eta_i}{\eta_r}\,l$"
+    for i, title in enumerate(("$l$, $n$, $r$ and $T$ lie in one plane", words)):
+        axes = place(figure, 0.2 + 4.7 * i, 0.85, 4.5, 3.6)
+        sheet(axes, (-1.5, 1.5), (-1.15, 1.25))
+        axes.set_title(title, fontsize=11, pad=4)
+        axes.fill_between([-1.5, 1.5], -1.15, 0, color=GLASS)
+        axes.text(1.45, 0.08, r"$\eta_i$ (air)", ha="right", fontsize=11)
+        axes.text(1.45, -0.08, r"$\eta_r$ (glass)", ha="right", va="top", fontsize=11)
+        axes.plot([0, 0], [-1.1, 0], ":", color=GREY)
+        vector(axes, n, "n")
+        vector(axes, l, "l", LIGHT)
+        vector(axes, T, "T", RED)
+        arc(axes, -40.0, 0.0, 0.4, r"$\theta_i$")
+        arc(axes, bent, 180.0, 0.55, r"$\theta_r$")
+        if i == 0:
+            vector(axes, r, "r", BLUE)
+            arc(axes, 0.0, 40.0, 0.4, r"$\theta_i$")
+        else:
+            part = (-ratio * float(l.x), -ratio * float(l.y))
+            arrow(axes, (0, 0), part, LIGHT)
+            arrow(axes, part, (float(T.x), float(T.y)), GREEN)
+            axes.text(
+                part[0] + 0.06, 0.6 * part[1], r"$-\frac{\eta_i}{\eta_r}\,l$", color=LIGHT, ha="left", fontsize=14
+            )
+            middle = 0.5 * (part[1] + float(T.y))
+            name = r"$(\frac{\eta_i}{\eta_r}\cos\theta_i - \cos\theta_r)\,n$"
+            axes.text(part[0] + 0.06, middle, name, color=GREEN, ha="left", va="center", fontsize=12)
     return figure
 
 

@@ -13,11 +13,12 @@ from ...model.cameras import Camera
 from ...model.flaps import Flaps
 from ...model.lights import SpotLight
 from ...model.materials import Material
+from ...model.rendering import render
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Plane
 from .lamps import LAMP, WARM, light_in_the_air, light_on_a_floor
-from .pages import COLOURS, grid, page, place, show
-from .pictures import Picture, evaluate, picture, toward
+from .pages import COLOURS, SCALED, grid, page, place, show
+from .pictures import Picture, displayed, evaluate, finer, toward
 from .sketches import arrow, sheet
 
 if TYPE_CHECKING:
@@ -29,9 +30,9 @@ LOBE = 0.35  # how long a lobe is drawn, scene units
 
 def warn_grid() -> Figure:
     """Draw the emitters of an area light, and what grids of 1, 2 x 2, 4 x 4 and 16 x 16 of them light."""
-    figure = page("An extended light, Warn's model: a grid of spots that share its intensity", 10.9, 2.75)
+    figure = page("An extended light, Warn's model: a grid of spots that share its intensity", 10.9, 2.95, note=SCALED)
     axes = place(figure, 0.1, 0.75, 3.2, 1.75)
-    axes.set_title(r"$4 \times 4$ spots, each with $\cos^p\phi$", fontsize=10, pad=4)
+    axes.set_title(r"$4 \times 4$ spots, each with $\cos^{a_l}\phi$", fontsize=10, pad=4)
     _draw_grid(axes, _over_floor(4))
     for i, count in enumerate((1, 2, 4, 16)):
         label = "1 spot" if count == 1 else rf"${count} \times {count}$ spots"
@@ -65,8 +66,10 @@ def _over_floor(count: int) -> AreaLight:
 
 
 def _floor_under(light: AreaLight) -> Picture:
-    floor = Object(Plane((0, -1, 0)), Material(0.02, 0.75))
-    return picture(Scene(floor, light), Camera((0, 2.2, 3.6), target=(0, -1, 0), fov=31, shape=(210, 210)))
+    floor = Object(Plane((0, -1, 0)), Material(k_d=0.75))
+    camera = finer(Camera((0, 2.2, 3.6), target=(0, -1, 0), fov=31, shape=(210, 210)))
+    image = np.asarray(render(Scene(floor, light), camera), np.float64)
+    return displayed(image / image.max())
 
 
 def _draw_grid(axes: Axes, light: AreaLight) -> None:

@@ -49,6 +49,25 @@ def colour_of_light() -> Figure:
     return grid(title, [row], columns=["a white and a blue ball in white light", "the same two in red light"])
 
 
+def object_colours() -> Figure:
+    """Draw balls over O_d and O_s, the colours of the object and of its highlight."""
+    diffuse = {"red": (0.9, 0.1, 0.06), "gold": (0.85, 0.55, 0.1), "blue": (0.08, 0.25, 0.9)}
+    highlights = {"$O_s$ white, plastic": (1, 1, 1), "$O_s = O_d$, metal": None, "$O_s$ green": (0.15, 0.9, 0.2)}
+    rows = [
+        [
+            ball(Material.foley(O_d=O_d, O_s=O_s or O_d, k_a=0.1, k_d=0.4, k_s=0.8, n_s=12))
+            for O_s in highlights.values()
+        ]
+        for O_d in diffuse.values()
+    ]
+    return grid(
+        "$k_d\\,O_d$ and $k_s\\,O_s$: the highlight has a colour of its own",
+        rows,
+        columns=list(highlights),
+        sides=[f"$O_d$ {name}" for name in diffuse],
+    )
+
+
 def materials_and_lights() -> Figure:
     """Draw balls of five materials under one, two and three lights."""
     names = ("ruby", "gold", "emerald", "chrome", "cyan_plastic")

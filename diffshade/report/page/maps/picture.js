@@ -1,5 +1,5 @@
 "use strict";
-// The picture of the maps: shadow.glsl or beyond.glsl, then maps.glsl where the maps are, onto the canvas or, where it
+// The picture of the maps: shadow.glsl and median.glsl, or beyond.glsl, then maps.glsl where the maps are, onto the canvas or, where it
 // is interpolated, averaged or compared, by present.glsl. While it changes, a machine that cannot draw ten pictures a
 // second draws fewer pixels; at rest there are all, each a mean of several samples.
 const mapPicture = (canvas, gl, scene, textures) => {
@@ -14,7 +14,7 @@ const mapPicture = (canvas, gl, scene, textures) => {
   const lights = webgl.texture(gl, gl.NEAREST), weights = webgl.texture(gl, gl.NEAREST);
   const none = webgl.texture(gl, gl.NEAREST);
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
-  const targets = { shadow: target("RGBA8"), beyond: target("RGBA16F"), moving: target("RGBA8"), resting: target("RGBA16F") };
+  const targets = { shadow: target("RGBA8"), passing: target("RGBA8"), beyond: target("RGBA16F"), moving: target("RGBA8"), resting: target("RGBA16F") };
   const { camera } = scene, size = scene.layers.find((layer) => layer.name === "geometry").size;
   const parts = scene.layers.filter((layer) => layer.name.startsWith("beyond"));
   const fixed = { LOBE: scene.lobe, ...highlight(), ...(!scene.own && { OWN: 1 }) };
@@ -109,6 +109,11 @@ const mapPicture = (canvas, gl, scene, textures) => {
     gl.uniformMatrix4fv(shadow.place("to_pixel"), false, rows);
     mapTextures.bind(gl, shadow, { relief: [textures.relief], lights: [lights] });
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+    const median = program("median", {});
+    begin(targets.passing, wide);
+    use(median, { target_size: wide, apart: 1.5 * scale });
+    mapTextures.bind(gl, median, { shadow: [targets.shadow.of] });
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   function goBeyond() {
@@ -163,7 +168,7 @@ const mapPicture = (canvas, gl, scene, textures) => {
     mapTextures.bind(gl, maps, {
       geometry: [textures.geometry], k_d_n_s: [textures.k_d], k_s_status: [textures.k_s], own_region: [textures.own],
       lights: [lights], shapes: [textures.shapes], beyond: [beyond ? targets.beyond.of : none],
-      passing: [shadows ? targets.shadow.of : none], colours: [textures.colours], palette: [textures.palette],
+      passing: [shadows ? targets.passing.of : none], colours: [textures.colours], palette: [textures.palette],
       numbers: [textures[overlay.of ?? "k_d"]],
     });
     if (samples > 0) {  // the mean of those so far

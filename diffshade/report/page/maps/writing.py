@@ -38,7 +38,7 @@ MOST_PHOTOGRAPHS = 24  # that the live picture is compared with
 # Of white: to what a light page rounds what is beyond the model. Nine texels of ten then differ by 1.5 steps of 255.
 STEP = 1.0 / 16.0
 MOST_PREDICTIONS = 12  # and half as many of both in a light page
-SHADERS = ("decode", "relief", "shadow", "beyond", "maps", "present")
+SHADERS = ("decode", "relief", "shadow", "median", "beyond", "maps", "present")
 STYLES = ("page.css", "maps/maps.css")
 SCRIPTS = (
     "webgl.js",
