@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ...core.extras import check_extra
 from ...core.progress import showing
 from ...core.words import did_you_mean
 from ...io.files import replacing
@@ -67,6 +68,7 @@ def write_figures(
         ValueError: If a name is unknown; nothing is written then.
         NotADirectoryError: If `folder` is a file.
         TypeError: If an argument has another type.
+        ImportError: matplotlib is not installed.
     """
     names = list(FIGURES)
     if not isinstance(folder, str | Path):
@@ -98,5 +100,6 @@ def draw_figure(name: str) -> Figure:
 
 
 def _check(name: str) -> None:
+    check_extra("figures", "cannot draw the figures of a lecture", "matplotlib")
     if name not in FIGURES:
         raise ValueError(f"no figure is named '{name}'. {did_you_mean(str(name), FIGURES)}")
