@@ -51,6 +51,7 @@ TEXTS = (
     ("benchmarks/SCALING.md", "scaling.html", "Cost of a pixel"),
     ("docs/pages/lectures.md", "lectures.html", "The lectures"),
     ("CONTRIBUTING.md", "contributing.html", "Working on it"),
+    ("docs/pages/versions.md", "versions.html", "Versions"),
     ("CHANGELOG.md", "changelog.html", "Changes"),
 )
 NAMES = "diffshade.html"
