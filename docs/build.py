@@ -1,4 +1,4 @@
-"""Build the documentation: python docs/build.py [FOLDER], by default output/docs. Any warning ends it.
+"""Build the documentation: python docs/build.py [FOLDER] [--figures FOLDER]. Any warning ends it.
 
 pdoc makes the pages from the docstrings, the README and the Markdown files in docs/pages and docs/studies. Mathematics
 becomes MathML at build time. A page fetches nothing and opens offline: the only scripts are pdoc's search box and its
@@ -149,8 +149,18 @@ def text_entries(html: str, page: str, title: str) -> Iterator[dict[str, str]]:
         yield {**entry, "kind": "text", "doc": body.strip()}
 
 
-def build(folder: Path) -> None:
+def gallery(figures: Path) -> tuple[tuple[str, str, str], ...]:
+    """Write a text of the figures of a lecture beside them, and return its row of TEXTS."""
+    shown = [f"## {picture.stem}\n\n![{picture.stem}]({picture.name})\n" for picture in sorted(figures.glob("*.png"))]
+    if not shown:
+        raise SystemExit(f"{figures} has no figures. Draw them: diffshade figures {figures}.")
+    (figures / "index.md").write_text("\n".join(["# The figures of the lectures\n", *shown]), encoding="utf-8")
+    return ((str(figures.resolve() / "index.md"), "figures.html", "The figures"),)
+
+
+def build(folder: Path, figures: Path | None) -> None:
     """Write every page, and the index of the search."""
+    texts = (*TEXTS, *(() if figures is None else gallery(figures)))
     names = [name for some in topics().values() for name in some]
     ds.__all__ = names  # what pdoc shows  # pyright: ignore[reportAttributeAccessIssue]
     pdoc.render_helpers.markdown_extensions["latex"] = None
@@ -162,7 +172,7 @@ def build(folder: Path) -> None:
         "link_names": lambda html: Markup(written.link_names(html, names)),
     }
     dark = HtmlFormatter(style="github-dark").get_style_defs(".pdoc-code")
-    menu = [(page, title) for _, page, title in TEXTS]
+    menu = [(page, title) for _, page, title in texts]
     menu.insert(1, (NAMES, "All names"))
     pdoc.render.env.globals |= {"topics": topics(), "dark_code": Markup(dark), "menu": menu, "module": None}
     pdoc.render.configure(docformat="markdown", show_source=False, template_directory=ROOT / "docs")
@@ -170,7 +180,7 @@ def build(folder: Path) -> None:
     (folder / NAMES).write_text(pdoc.render.html_module(module, {"diffshade": module}), encoding="utf-8")
     entries = [entry for name in names for entry in member_entries(module.members[name])]
     template = pdoc.render.env.get_template("text.html.jinja2")
-    for source, page, title in (*TEXTS, *STUDIES):
+    for source, page, title in (*texts, *STUDIES):
         markdown = text(source)
         html = link_code(to_html(markdown), names)
         contents = getattr(pdoc.render_helpers.to_html(markdown), "toc_html", "")
@@ -185,14 +195,16 @@ def main() -> None:
     """Read the arguments, build, and say where."""
     parser = argparse.ArgumentParser(description="Build the documentation.")
     parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "output" / "docs")
-    folder = parser.parse_args().folder
+    parser.add_argument("--figures", type=Path, help="those of `diffshade figures`, to be shown on a page of their own")
+    asked = parser.parse_args()
+    folder = asked.folder
     if Path(ds.__file__).parents[1] != ROOT:
         raise SystemExit(
             f"the diffshade to document is not in this clone but {ds.__file__}. Run pip install -e '.[docs]'."
         )
     folder.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("error")
-    build(folder)
+    build(folder, asked.figures)
     print(folder / "index.html")
 
 

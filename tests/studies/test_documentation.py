@@ -7,6 +7,7 @@ import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from browser import chromium
 
@@ -50,7 +51,10 @@ def site(tmp_path_factory):
     for name in ("pdoc", "latex2mathml"):
         pytest.importorskip(name, reason=f"the documentation needs {name}: pip install 'diffshade[docs]'.")
     folder = tmp_path_factory.mktemp("docs")
-    done = subprocess.run([sys.executable, ROOT / "docs" / "build.py", folder], capture_output=True, text=True)
+    figures = tmp_path_factory.mktemp("figures")
+    ds.write_image(figures / "01_grey.png", np.full((2, 2), 0.5))
+    command = [sys.executable, ROOT / "docs" / "build.py", folder, "--figures", figures]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return folder
@@ -82,7 +86,8 @@ def test_no_markdown_is_left(pages):
 
 
 def test_a_page_needs_nothing_from_elsewhere(site, pages):
-    assert len(pages) == 5 + len(list((ROOT / "docs" / "pages").glob("*.md")))
+    # README, names, CONTRIBUTING, CHANGELOG, SCALING and the figures
+    assert len(pages) == 6 + sum(len(list((ROOT / "docs" / folder).glob("*.md"))) for folder in ("pages", "studies"))
     for page in pages.values():
         assert not {"iframe", "link"} & set(page.tags)
         assert page.tags.count("script") == 1  # the search box, which loads search.js from beside the page
