@@ -84,7 +84,7 @@ def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
     tags, *more = check_tiff(data)
     bits, number, channels, photometric, planar = (tags.get(tag, (1,))[0] for tag in (258, 339, 277, 262, 284))
     if more and (bits, number) in ((8, 1), (16, 1), (32, 3)):
-        return np.moveaxis(_pages_by_opencv(path), 0, -1)
+        return np.moveaxis(_decode_with_opencv(path, 1 + len(more)), 0, -1)
     if bits <= 8 and not more:
         return _decode_with_pillow("TIFF", path, data)
     # OpenCV silently returns wrong pixels for other layouts.
@@ -166,19 +166,15 @@ def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
         raise UnsupportedError("has more than 178 million pixels. Save it smaller, or with 16 bits.") from None
 
 
-def _decode_with_opencv(path: Path) -> np.ndarray:
-    return _pages_by_opencv(path, 0, 1)[0]
-
-
-def _pages_by_opencv(path: Path, *some: int) -> np.ndarray:
-    """Decode the pages of a file, or `some`: the first of them and their number."""
+def _decode_with_opencv(path: Path, pages: int = 1) -> np.ndarray:
+    """Decode the first page of a file or, stacked, so many."""
     with needing("photographs", f"cannot read {path}"):
         import cv2
     with _quiet_opencv():
-        read, pages = cv2.imreadmulti(str(path), *some, flags=cv2.IMREAD_UNCHANGED)
+        read, found = cv2.imreadmulti(str(path), start=0, count=pages, flags=cv2.IMREAD_UNCHANGED)
     if not read:
         raise ValueError
-    return np.stack([_reversed(page) for page in pages])
+    return _reversed(found[0]) if pages == 1 else np.stack([_reversed(page) for page in found])
 
 
 def _reversed(pixels: np.ndarray) -> np.ndarray:
