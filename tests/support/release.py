@@ -48,7 +48,7 @@ far = ds.OrthographicCamera((0, 0, 4), height=2.2, shape=(24, 24))
 maps = ds.fit_texels(scene, [ds.View(ds.render(scene, far, lit=i), far, lit=i) for i in range(9)],
                      free=("k_d", "k_s", "n_s", "normal"))
 inside = maps.status != maps.STATUS.index("outside")
-heights = ds.integrate_normals(maps.values["normal"], far, mask=inside, errors=maps.errors["normal"])
+heights = ds.heights.integrate_normals(maps.values["normal"], far, mask=inside, errors=maps.errors["normal"])
 ds.write_image("sphere.tif", ds.render(scene, far))
 ds.read_image("sphere.tif")
 from diffshade.inverse.data.masks import find_mask
@@ -56,7 +56,7 @@ find_mask([ds.render(scene, camera, lit=4)])
 """
 EXTRAS = {  # what each is for
     "exr": "ds.write_image('a.exr', ds.render(scene, camera)); ds.read_image('a.exr')",
-    "figures": "ds.write_figures('figures', only='snell')",
+    "figures": "ds.lecture.write_figures('figures', only='snell')",
     "photographs": TEXELS,
     "zarr": "import numpy as np, zarr; zarr.save('a.zarr', np.zeros((9, 9, 3), 'f4')); ds.open_image('a.zarr')[:]",
     "raw": "import rawpy",
@@ -70,7 +70,7 @@ assert ds.read_image("a.heic").shape == (48, 48, 3)
     "mesh": """
 import trimesh
 trimesh.creation.icosphere(2).export("ball.ply")
-assert ds.read_mesh("ball.ply", camera).mask.any()
+assert ds.exchange.read_mesh("ball.ply", camera).mask.any()
 """,
     "notebooks": "import ipykernel, ipywidgets, jupyterlab, matplotlib, nbclient, PIL, trimesh, cv2, pyamg",
     "docs": "import pdoc, latex2mathml.converter",

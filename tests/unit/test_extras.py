@@ -30,8 +30,10 @@ CALLS = {
     "OpenEXR: exr": lambda folder: ds.write_image(folder / "a.exr", GREY),
     "cv2: photographs": lambda folder: ds.write_image(folder / "a.tif", GREY),
     "cv2 : photographs": lambda folder: find_mask([GREY]),
-    "pyamg: photographs": lambda folder: ds.integrate_normals(FLAT, ds.OrthographicCamera((0, 0, 4), shape=(8, 8))),
-    "matplotlib: figures": lambda folder: ds.write_figures(folder / "figures"),
+    "pyamg: photographs": lambda folder: ds.heights.integrate_normals(
+        FLAT, ds.OrthographicCamera((0, 0, 4), shape=(8, 8))
+    ),
+    "matplotlib: figures": lambda folder: ds.lecture.write_figures(folder / "figures"),
 }
 
 

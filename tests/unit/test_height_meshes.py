@@ -23,7 +23,7 @@ pytest.importorskip("fast_simplification")
 @pytest.fixture(scope="module")
 def given():
     maps, heights = bumpy(48, shared=True)
-    return maps, heights, ds.height_mesh(heights)
+    return maps, heights, ds.heights.height_mesh(heights)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def written(given, tmp_path_factory):
     """A binary glTF with maps, and what was said of it."""
     maps, _, mesh = given
     path = tmp_path_factory.mktemp("written") / "a.glb"
-    return path, ds.write_mesh(path, mesh, maps=maps)
+    return path, ds.exchange.write_mesh(path, mesh, maps=maps)
 
 
 def angle(a, b):
@@ -49,13 +49,13 @@ def test_texels_that_nothing_joins_to_the_others_are_left_out():
     mask = np.zeros((12, 12), bool)
     mask[2:10, :6] = mask[5, 9] = True
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=mask.shape, local_viewer=False)
-    heights = ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
-    mesh = ds.height_mesh(heights)
+    heights = ds.heights.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
+    mesh = ds.heights.height_mesh(heights)
     assert len(mesh.face) == 2 * (mask.sum() - 1)
     assert np.isfinite(mesh.errors).all()
     mask[:, :6] = False  # nothing else is there
-    alone = ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
-    assert len(ds.height_mesh(alone).face) == 2
+    alone = ds.heights.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
+    assert len(ds.heights.height_mesh(alone).face) == 2
 
 
 def test_pixels_have_their_heights_and_normals(given):
@@ -79,8 +79,8 @@ def test_pixels_have_their_heights_and_normals(given):
 @pytest.mark.parametrize("perspective", [False, True])
 def test_pixels_of_a_ball_are_in_its_tangent_planes(perspective):
     ball = reliefs.sphere(48, perspective=perspective)
-    heights = ds.integrate_normals(ball.normal, ball.camera, mask=ball.mask)
-    mesh = ds.height_mesh(heights)
+    heights = ds.heights.integrate_normals(ball.normal, ball.camera, mask=ball.mask)
+    mesh = ds.heights.height_mesh(heights)
     assert len(mesh.face) == 2 * heights.mask.sum()
     assert np.median(angle(normals_of_pixels(mesh), ball.normal[heights.mask])) < 0.1
     grid = mesh.uv[:, ::-1] * ball.camera.shape
@@ -91,19 +91,19 @@ def test_pixels_of_a_ball_are_in_its_tangent_planes(perspective):
 def test_a_mesh_smooths_the_noise_of_normals(perspective):
     """Two degrees of noise on a ball: the squares of its pixels are nearer to the true normals."""
     ball = reliefs.sphere(40, perspective=perspective)
-    heights = ds.integrate_normals(ball.noisy(2.0), ball.camera, mask=ball.mask)
-    off = angle(normals_of_pixels(ds.height_mesh(heights)), ball.normal[heights.mask])
+    heights = ds.heights.integrate_normals(ball.noisy(2.0), ball.camera, mask=ball.mask)
+    off = angle(normals_of_pixels(ds.heights.height_mesh(heights)), ball.normal[heights.mask])
     assert np.median(off) < 0.92  # 1.05 where each corner is the mean of its own pixels
 
 
 def test_no_triangle_crosses_a_jump():
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(8, 9), local_viewer=False)
     flat = np.broadcast_to((0.0, 0.0, 1.0), (8, 9, 3))
-    heights = ds.integrate_normals(flat, camera, errors=np.full((8, 9), 0.1))
-    whole = ds.height_mesh(heights)
+    heights = ds.heights.integrate_normals(flat, camera, errors=np.full((8, 9), 0.1))
+    whole = ds.heights.height_mesh(heights)
     assert len(whole.corner) == 9 * 10
     heights.jump_right[:, 3] = True
-    cut = ds.height_mesh(heights)
+    cut = ds.heights.height_mesh(heights)
     assert len(cut.face) == len(whole.face) == 2 * 8 * 9
     assert len(cut.corner) == 9 * 11
     column = np.rint(cut.uv[:, 0] * 9)[cut.face]
@@ -112,14 +112,14 @@ def test_no_triangle_crosses_a_jump():
 
 def test_fewer_triangles_keep_to_the_tolerance(given):
     _, heights, whole = given
-    mesh = ds.height_mesh(heights, tolerance=0.005)
+    mesh = ds.heights.height_mesh(heights, tolerance=0.005)
     # 30 % would do where each corner is the mean of its own pixels: the moved ones follow the normals, bumps and all
     assert len(mesh.face) < 0.4 * len(whole.face)
     assert 0.0 < mesh.largest <= 0.005
     hits = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
     assert hits.area == pytest.approx(trimesh.Trimesh(whole.corner, whole.face, process=False).area, rel=0.01)
     with pytest.raises(ValueError, match=r"tolerance must be above 0 scene units; got -1"):
-        ds.height_mesh(heights, tolerance=-1.0)
+        ds.heights.height_mesh(heights, tolerance=-1.0)
 
 
 def validated(path: Path) -> dict:
@@ -148,14 +148,14 @@ def test_gltf_is_valid(written):
 
 
 def test_a_shape_alone_is_valid_gltf(given, tmp_path):
-    ds.write_mesh(tmp_path / "b.gltf", given[2])
+    ds.exchange.write_mesh(tmp_path / "b.gltf", given[2])
     assert_valid(tmp_path / "b.gltf")
 
 
 @pytest.mark.thorough
 def test_maps_of_own_exponents_are_valid_gltf_with_pictures_beside_it(tmp_path):
     maps, heights = bumpy(48)
-    done = ds.write_mesh(tmp_path / "a.gltf", ds.height_mesh(heights), maps=maps)
+    done = ds.exchange.write_mesh(tmp_path / "a.gltf", ds.heights.height_mesh(heights), maps=maps)
     assert set(done.paths) == set(tmp_path.iterdir())
     assert_valid(tmp_path / "a.gltf")
     (material,) = json.loads((tmp_path / "a.gltf").read_text())["materials"]
@@ -192,7 +192,7 @@ def test_trimesh_reads_gltf(given, written):
 
 def test_trimesh_reads_obj(given, tmp_path):
     maps, _, mesh = given
-    done = ds.write_mesh(tmp_path / "a.obj", mesh, maps=maps)
+    done = ds.exchange.write_mesh(tmp_path / "a.obj", mesh, maps=maps)
     assert set(done.paths) == set(tmp_path.iterdir())
     read = assert_read(tmp_path / "a.obj", mesh)
     np.testing.assert_allclose(read.visual.uv, np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1), atol=1e-6)
@@ -203,7 +203,7 @@ def test_trimesh_reads_obj(given, tmp_path):
 
 def test_three_js_gets_a_mesh_with_one_shininess(given, tmp_path):
     maps, _, mesh = given
-    done = ds.write_mesh(tmp_path / "a.json", mesh, maps=maps)
+    done = ds.exchange.write_mesh(tmp_path / "a.json", mesh, maps=maps)
     assert set(done.paths) == set(tmp_path.iterdir())
     document = json.loads((tmp_path / "a.json").read_text())
     (material,), (geometry,) = document["materials"], document["geometries"]
@@ -232,15 +232,15 @@ def test_what_pictures_cannot_hold_is_said_and_emission_is_written(given, tmp_pa
         "a.gltf": "KHR_materials_emissive_strength",
         "a.json": '"emissiveIntensity":2.0',
     }.items():
-        done = ds.write_mesh(tmp_path / name, mesh, maps=bright)
+        done = ds.exchange.write_mesh(tmp_path / name, mesh, maps=bright)
         assert any("k_d is above 1 at" in note for note in done.notes)
         assert words in (tmp_path / name.replace("obj", "mtl")).read_text()
-    assert any("no emission" in note for note in ds.write_mesh(tmp_path / "a.ply", mesh, maps=bright).notes)
+    assert any("no emission" in note for note in ds.exchange.write_mesh(tmp_path / "a.ply", mesh, maps=bright).notes)
 
 
 def test_trimesh_reads_ply(given, tmp_path):
     maps, _, mesh = given
-    assert ds.write_mesh(tmp_path / "a.ply", mesh, maps=maps).difference is None
+    assert ds.exchange.write_mesh(tmp_path / "a.ply", mesh, maps=maps).difference is None
     read = assert_read(tmp_path / "a.ply", mesh)
     errors = read.metadata["_ply_raw"]["vertex"]["data"]["height_error"]
     np.testing.assert_allclose(errors.ravel(), mesh.errors, rtol=1e-6, atol=1e-30)
@@ -249,8 +249,8 @@ def test_trimesh_reads_ply(given, tmp_path):
 @pytest.mark.parametrize(("suffix", "digits"), [("obj", 1e-6), ("ply", 1e-7), ("glb", 1e-7)])
 def test_what_is_written_is_read_with_its_corners_and_normals(suffix, digits, given, tmp_path):
     mesh = given[2]
-    ds.write_mesh(tmp_path / f"a.{suffix}", mesh)
-    read = ds.read_mesh(tmp_path / f"a.{suffix}", None)
+    ds.exchange.write_mesh(tmp_path / f"a.{suffix}", mesh)
+    read = ds.exchange.read_mesh(tmp_path / f"a.{suffix}", None)
     corners, normals = (np.asarray(of).reshape(-1, 3) for of in (read.corners, read.normals))
     some = slice(None, None, max(len(corners) // 500, 1))
     nearest = [np.abs(mesh.corner - corner).sum(1).argmin() for corner in corners[some]]
@@ -262,9 +262,9 @@ def test_what_is_written_is_read_with_its_corners_and_normals(suffix, digits, gi
 def test_what_cannot_be_written_is_refused_before_anything_is(given, tmp_path):
     maps, _, mesh = given
     with pytest.raises(ValueError, match=r"'\.stl' is not the suffix of a mesh\. Use one of \.glb"):
-        ds.write_mesh(tmp_path / "a.stl", mesh, maps=maps)
+        ds.exchange.write_mesh(tmp_path / "a.stl", mesh, maps=maps)
     with pytest.raises(ValueError, match=r"maps must have the shape of the mesh's camera"):
-        ds.write_mesh(tmp_path / "a.glb", mesh, maps=bumpy(20)[0])
+        ds.exchange.write_mesh(tmp_path / "a.glb", mesh, maps=bumpy(20)[0])
     assert not list(tmp_path.iterdir())
 
 
@@ -281,6 +281,6 @@ def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
     normal = np.load(measured(name) / "normal_gt.npy").astype(float)
     mask = np.linalg.norm(normal, axis=-1) > 0.5
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=mask.shape, local_viewer=False)
-    heights = ds.integrate_normals(normal, camera, mask=mask)
+    heights = ds.heights.integrate_normals(normal, camera, mask=mask)
     joined = heights.mask & np.isfinite(heights.errors)
-    assert np.median(angle(normals_of_pixels(ds.height_mesh(heights)), normal[joined])) < most
+    assert np.median(angle(normals_of_pixels(ds.heights.height_mesh(heights)), normal[joined])) < most
