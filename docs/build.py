@@ -1,10 +1,10 @@
-"""Build the documentation: python docs/build.py [FOLDER], by default output/docs. Any warning ends it.
+"""Build the documentation: python docs/build.py [FOLDER] [--figures NAME ...]. Any warning ends it.
 
 The figures of the lectures take two minutes; `--figures snell` shows one of them, and `--figures` none.
 
-pdoc makes the pages from the docstrings, the README and the Markdown files in docs/pages. Mathematics becomes MathML at
-build time. A page fetches nothing and opens offline: the only scripts are pdoc's search box and its index, search.js,
-beside the pages, as the figures of the lectures do. The topics are those of diffshade's own docstring.
+pdoc makes the pages from the docstrings, the README and the Markdown files in docs/pages and docs/studies. Mathematics
+becomes MathML at build time. A page fetches nothing and opens offline: the only scripts are pdoc's search box and its
+index, search.js, beside the pages, as the figures are. The topics are those of diffshade's own docstring.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ TEXTS = (
     ("docs/pages/trust.md", "trust.html", "How far to trust a fit"),
     ("docs/pages/calibration.md", "calibration.html", "Calibrating lights"),
     ("docs/pages/texels.md", "texels.html", "Texels"),
+    ("docs/pages/heights.md", "heights.html", "Heights and meshes"),
     ("docs/pages/exchange.md", "exchange.html", "Other programs"),
-    ("docs/pages/files-in-the-wild.md", "files-in-the-wild.html", "Files of other programs, tried"),
     ("docs/pages/objective.md", "objective.html", "An objective of your own"),
     ("docs/pages/extend.md", "extend.html", "Your own lobe, light or law"),
     ("docs/pages/large-images.md", "large-images.html", "Large images, devices"),
@@ -60,6 +60,7 @@ TEXTS = (
     ("benchmarks/SCALING.md", "scaling.html", "Cost of a pixel"),
     ("docs/pages/lectures.md", LECTURES, "The lectures"),
     ("CONTRIBUTING.md", "contributing.html", "Working on it"),
+    ("docs/pages/versions.md", "versions.html", "Versions"),
     ("CHANGELOG.md", "changelog.html", "Changes"),
 )
 ROOMS = {
@@ -70,6 +71,11 @@ ROOMS = {
     "lecture": "Figures of a lecture",
     "extension": "Parts of your own",
 }
+# what was measured, and how rules were chosen; pages link to them, and the menu does not list them
+STUDIES = tuple(
+    (path.relative_to(ROOT).as_posix(), f"{path.stem}.html", path.read_text(encoding="utf-8").partition("\n")[0][2:])
+    for path in sorted((ROOT / "docs" / "studies").glob("*.md"))
+)
 
 
 def topics() -> dict[str, list[str]]:
@@ -149,7 +155,7 @@ def docstring_html(docstring: str) -> Markup:
 def text(source: str) -> str:
     """Return one of the repository's texts with its pictures embedded and its links leading to the pages here."""
     path = ROOT / source
-    pages = {file: page for file, page, _ in TEXTS}
+    pages = {file: page for file, page, _ in (*TEXTS, *STUDIES)}
 
     def link(found: re.Match[str]) -> str:
         file = os.path.normpath(path.parent.relative_to(ROOT) / found[1])
@@ -243,7 +249,7 @@ def build(folder: Path, figures: Collection[str]) -> None:
         (folder / f"{name}.html").write_text(pdoc.render.html_module(module, {name: module}), encoding="utf-8")
         entries += [entry for of in names[name] for entry in member_entries(module.members[of])]
     template = pdoc.render.env.get_template("text.html.jinja2")
-    for source, page, title in TEXTS:
+    for source, page, title in (*TEXTS, *STUDIES):
         markdown = with_figures(text(source), figures) if page == LECTURES else text(source)
         html = link_code(to_html(markdown), names)
         contents = getattr(pdoc.render_helpers.to_html(markdown), "toc_html", "")

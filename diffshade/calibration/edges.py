@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ..core.extras import needing
 from ..core.thresholds import SMALL
 from ..inverse.data.masks import SIDE
 from .balls import circle, near_one_circle
@@ -57,7 +58,8 @@ def brightened(picture: Picture) -> Picture:
 
 def shrunk(picture: Picture, longest: int) -> tuple[Picture, float]:
     """Return a picture whose longer side has so many pixels at most, and its size over the picture's."""
-    import cv2
+    with needing("photographs", "cannot search for a ball in photographs"):
+        import cv2
 
     scale = min(1.0, longest / max(picture.shape))
     return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), scale

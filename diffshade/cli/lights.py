@@ -60,8 +60,11 @@ def calibrate(
     import diffshade as ds
 
     from ..calibration.result import check_folder, read_directions
+    from ..core.extras import check_extra
     from ..core.tables import as_json
 
+    if out is not None or thing is not None:
+        check_extra("photographs", "cannot write lights with their picture", "cv2", "matplotlib")
     if out is not None:
         check_folder(out)
     if thing is None and (apart is not None or width is not None):
@@ -240,11 +243,13 @@ def mask(photos: Path, out: Path | None) -> None:
     """
     import diffshade as ds
 
+    from ..core.extras import check_extra
     from ..inverse.data.folders import SHOWN, list_folder
     from ..inverse.data.masks import find_mask
     from ..inverse.data.photograph_files import photograph_files
     from ..report.mask_picture import draw_mask
 
+    check_extra("photographs", "cannot find a mask", "cv2", "matplotlib")
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
     out = photos / "mask.png" if out is None else out

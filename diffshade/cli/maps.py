@@ -70,6 +70,7 @@ def texels(
 
     from ..core.tables import as_json
 
+    _check_extras(heights=heights, suffix=suffix)
     found = typed.read(normals=None)
     free = _free(typed, found, heights=heights)
     if bands and hold_out is None:
@@ -124,6 +125,16 @@ def texels(
             "written": written,
         },
     )
+
+
+def _check_extras(*, heights: bool, suffix: str | None) -> None:
+    """Raise ImportError for what would be missing after a long fit."""
+    from ..core.extras import check_extra
+
+    if heights:
+        check_extra("photographs", "cannot integrate normals", "pyamg")
+    if suffix == ".exr":
+        check_extra("exr", "cannot write .exr", "OpenEXR")
 
 
 def _free(typed: Options, found: Source, *, heights: bool) -> tuple[str, ...]:

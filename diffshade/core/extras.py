@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 from collections.abc import Iterator
 
 
@@ -19,3 +20,10 @@ def needing(extra: str, task: str) -> Iterator[None]:
         package = (error.name or f"{error}").replace("_", "-")
         message = f"{task} without the package {package}. Install it: pip install 'diffshade[{extra}]'."
         raise ImportError(message) from None
+
+
+def check_extra(extra: str, task: str, *packages: str) -> None:
+    """Raise the ImportError of `needing` before work that will need packages begins."""
+    with needing(extra, task):
+        for package in packages:
+            importlib.import_module(package)

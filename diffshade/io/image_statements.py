@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from PIL.ExifTags import IFD, Base
 
+from ..core.extras import needing
 from .encodings import ADOBE, LINEAR, PRIMARIES, SRGB, Encoding, encoding, power, xyz_of
 from .heic_files import SUFFIXES as HEIC_SUFFIXES
 from .heic_files import exif_of_heic, opened_heic, orientation_of_heic
@@ -183,8 +184,8 @@ def _of_heic(path: Path) -> Statement:
 
 
 def _of_exr(path: Path) -> Statement:
-    import OpenEXR
-
+    with needing("exr", f"cannot read {path}"):
+        import OpenEXR
     with OpenEXR.File(str(path), header_only=True) as file:
         return _of_primaries(file.header().get("chromaticities"))
 

@@ -16,7 +16,7 @@ from ..core.masks import as_mask
 from ..core.words import with_article
 from .encodings import LINEAR, SRGB, Encoding, srgb_encode
 from .files import replacing
-from .image_formats import FORMATS, Format, bits_of, format_of, save
+from .image_formats import FORMATS, Format, bits_of, check_can_save, format_of, save
 from .image_headers import UnsupportedError
 from .image_statements import Statement, statement_of
 
@@ -61,7 +61,7 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
         IsADirectoryError: `path` is a folder.
         ValueError: The suffix, layout or type of number is not supported.
         OSError: The file is empty, truncated, damaged or not of the format of its suffix.
-        ImportError: The file is RAW or HEIC, and its package is not installed.
+        ImportError: The package that reads such a file is not installed.
     """
     path = Path(path)
     image, taken = load_image(path, srgb=srgb)
@@ -201,6 +201,7 @@ def write_image(
         FileNotFoundError: The folder does not exist.
         PermissionError: The folder is not writable.
         IsADirectoryError: `path` is a folder.
+        ImportError: The package that writes such a file is not installed.
     """
     path = Path(path)
     dtype = dtype_to_write(path, bits)
@@ -283,7 +284,7 @@ def _read(path: Path) -> np.ndarray:
     check_exists(path)
     known = format_of(path)
     with decoding(path, f"cannot read {path}"):
-        stored = known.decode(path.absolute(), path.read_bytes())  # imageio reads a leading ~ as a home folder
+        stored = known.decode(path.absolute(), path.read_bytes())
     return _with_channels(stored, f"cannot read {path}: it", known)
 
 
@@ -327,7 +328,9 @@ def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
         raise ValueError(f"cannot write {path}: {name} is only read. Write .png, .tif, .exr or .npy.")
     if bits is not None and bits not in dtypes:
         raise ValueError(f"cannot write {path} with bits={bits}. {name} takes {' or '.join(map(str, dtypes))}.")
-    return dtypes[bits] if bits is not None else next(iter(dtypes.values()))
+    dtype = dtypes[bits] if bits is not None else next(iter(dtypes.values()))
+    check_can_save(path, dtype)
+    return dtype
 
 
 def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..calibration.balls import axes as axes_of
+from ..core.extras import needing
 from ..io.files import replacing
 from ..model.cameras import OrthographicCamera
 
@@ -36,9 +37,10 @@ def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibratio
     Raises:
         ValueError: If the suffix is neither.
         OSError: If the picture cannot be written.
+        ImportError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
+    with needing("figures", f"cannot draw {path}"):
+        from matplotlib.figure import Figure
     if Path(path).suffix.lower() not in (".pdf", ".png"):
         raise ValueError(f"a calibration is drawn as .pdf or .png; got '{path}'. Give one of these suffixes.")
     each: Sequence[Calibration] = balls if isinstance(balls, Sequence) else (balls,)

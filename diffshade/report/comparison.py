@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from ..core.extras import needing
 from ..inverse.data.views import View
 from ..inverse.result import Fit, Prediction
 from ..io.encodings import srgb_encode
@@ -31,6 +32,7 @@ def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *
     Raises:
         ValueError: If the suffix is unknown, a view does not match the scene, or the number of titles is wrong.
         FileNotFoundError: If the folder does not exist.
+        ImportError: matplotlib is not installed.
     """
     if Path(path).suffix.lower() not in (".png", ".pdf", ".svg"):
         raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a comparison is .png, .pdf or .svg. Use one.")
@@ -57,9 +59,10 @@ def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[
 
     Raises:
         ValueError: If a view does not match the scene, or the number of titles is wrong.
+        ImportError: matplotlib is not installed.
     """
-    import matplotlib.figure
-
+    with needing("figures", "cannot draw a comparison"):
+        import matplotlib.figure
     views = (views,) if isinstance(views, View) else tuple(views)
     titles = titles or [f"view {i}" for i in range(len(views))]
     if len(titles) != len(views):

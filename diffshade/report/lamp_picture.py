@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.backend import in_float64
+from ..core.extras import needing
 from ..core.fields import check_kind, in_short
 from ..io.files import replacing
 from ..model.measured_lights import MeasuredLight
@@ -73,9 +74,10 @@ def draw_lamp(path: str | Path, lamp: MeasuredLight, *, distance: float = 3.0) -
     Raises:
         ValueError: If the suffix is neither, or the distance is 0 or not finite.
         OSError: If the picture cannot be written.
+        ImportError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
+    with needing("figures", f"cannot draw {path}"):
+        from matplotlib.figure import Figure
     if Path(path).suffix.lower() not in (".pdf", ".png"):
         raise ValueError(f"a lamp is drawn as .pdf or .png; got '{path}'. Give one of these suffixes.")
     shown = light_on_plane(lamp, distance)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.extras import needing
 from ..io.files import replacing
 from .calibration_picture import INCH, WHITE
 
@@ -24,9 +25,10 @@ def draw_mask(path: Path, found: FoundMask) -> None:
 
     Raises:
         OSError: If the picture cannot be written.
+        ImportError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
+    with needing("figures", f"cannot draw {path}"):
+        from matplotlib.figure import Figure
     shown = np.sqrt(np.clip(found.picture / max(float(np.quantile(found.picture, WHITE)), 1e-12), 0.0, 1.0))
     rows, columns = shown.shape
     panels = {"mask": found.small, **found.ways}

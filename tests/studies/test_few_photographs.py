@@ -1,6 +1,6 @@
 """Texels from few photographs: never worse than least squares, without patches, and with errors that hold.
 
-The grey ball has lights on one side, known to some 3 degrees; its table stands in docs/pages/texels.md.
+The grey ball has lights on one side, known to some 3 degrees; its table stands in docs/studies/2026-11-27-texels.md.
 `pytest -m slow -s` prints that of the spheres with bumps.
 """
 

@@ -17,7 +17,7 @@ import diffshade as ds
 
 pytestmark = pytest.mark.thorough
 
-PAGE = Path(__file__).parents[2] / "docs" / "pages" / "files-in-the-wild.md"
+PAGE = Path(__file__).parents[2] / "docs" / "studies" / "2026-11-26-files-in-the-wild.md"
 SECTION = re.compile(r"^## ([^\n]+)$(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 ROW = re.compile(r"^\| (\S+) \| `([^`]+)` \| (.+) \|$", re.MULTILINE)
 ROWS = [

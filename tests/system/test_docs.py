@@ -14,7 +14,9 @@ import diffshade as ds
 from diffshade.report.lecture import FIGURES
 
 ROOT = Path(__file__).parents[2]
-TEXTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs" / "pages").glob("*.md")))
+PAGES, STUDIES = (sorted((ROOT / "docs" / folder).glob("*.md")) for folder in ("pages", "studies"))
+TEXTS = (*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")), *PAGES, *STUDIES)
+WORDS = 2500  # of a page: a quarter of an hour
 LECTURES = (ROOT / "docs" / "pages" / "lectures.md").read_text(encoding="utf-8")
 ROWS = [
     dict(zip(("concept", "equation", "name", "key", "figure"), line.strip("| ").split(" | "), strict=True))
@@ -50,7 +52,46 @@ def test_a_text_links_to_files_that_exist(text):
 
 def test_every_page_is_reached_from_the_readme():
     linked = set(re.findall(r"\]\((docs/pages/[^)#]+)", TEXTS[0].read_text(encoding="utf-8")))
-    assert linked == {path.relative_to(ROOT).as_posix() for path in TEXTS[2:]}
+    assert linked == {path.relative_to(ROOT).as_posix() for path in PAGES}
+
+
+def test_every_study_is_dated_and_reached_from_a_page():
+    linked = {
+        link for page in PAGES for link in re.findall(r"\]\(\.\./studies/([^)#]+)", page.read_text(encoding="utf-8"))
+    }
+    assert linked == {path.name for path in STUDIES}
+    for path in STUDIES:
+        assert re.match(r"20\d\d-\d\d-\d\d-", path.name)
+        assert path.name[:10] in path.read_text(encoding="utf-8").partition("\n")[0]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_a_page_is_read_in_a_quarter_of_an_hour(page):
+    assert len(page.read_text(encoding="utf-8").split()) <= WORDS
+
+
+def test_the_installing_page_has_every_extra():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (ROOT / "docs" / "pages" / "install.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"'\.\[(\w+)\]'", page)) == set(project["optional-dependencies"])
+    asked = {
+        extra
+        for file in (*PAGES, *(ROOT / "diffshade").rglob("*.py"))
+        for extra in re.findall(
+            r"diffshade\[(\w+)\]'|(?:needing|check_extra)\(\"(\w+)\"", file.read_text(encoding="utf-8")
+        )
+        for extra in extra
+        if extra
+    }
+    assert asked <= set(project["optional-dependencies"])
+
+
+def test_the_version_is_the_same_everywhere():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(rf"^## {re.escape(version)}, 20\d\d-\d\d-\d\d$", changes, re.MULTILINE)
+    assert "\n## Unreleased\n" in changes
 
 
 def scene_file_keys(folder):

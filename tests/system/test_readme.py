@@ -16,7 +16,18 @@ ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 PAGES = ROOT / "docs" / "pages"
 # the pages with programs, in an order in which each finds the names that the ones before it define
-ORDER = ("objective", "render", "fit", "trust", "calibration", "texels", "large-images", "exchange", "extend")
+ORDER = (
+    "objective",
+    "render",
+    "fit",
+    "trust",
+    "calibration",
+    "texels",
+    "heights",
+    "large-images",
+    "exchange",
+    "extend",
+)
 
 
 # programs of a minute or more, by their page and number: what they call is in fits/, and they run here in the slow tier

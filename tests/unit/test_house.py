@@ -70,9 +70,10 @@ STRANGERS = {
 ONLY_IN = {
     "optimistix": "inverse.solve",
     "click": "cli",
-    "imageio": "io",
+    "OpenEXR": "io",
     "jinja2": "report",
     "matplotlib": "report",
+    "optax": "texels",
     "pyamg": "texels.heights",
     "mapbox_earcut": "io",
     "trimesh": "io",

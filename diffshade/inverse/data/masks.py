@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage, spatial
 
+from ...core.extras import check_extra
 from ...core.thresholds import CLEARLY, FAR_MORE, MINOR, MOST, NEGLIGIBLE, SLIGHT, SMALL
 from ...core.words import listing
 from ...io.images import without_alpha
@@ -63,7 +63,9 @@ def find_mask(images: Iterable[Any]) -> FoundMask:
 
     Raises:
         ValueError: If no such region is found.
+        ImportError: OpenCV is not installed.
     """
+    check_extra("photographs", "cannot find an object in photographs", "cv2")
     brightest, small = None, []
     for image in images:  # one at a time
         pixels = np.nan_to_num(np.asarray(image[:], np.float64), posinf=0.0)
@@ -124,6 +126,8 @@ def _possible(mask: np.ndarray) -> bool:
 
 
 def _shrunk(pixels: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "h w c"]:
+    import cv2
+
     rows, columns, bands = pixels.shape
     by = min(1.0, SIDE / max(rows, columns))
     if by == 1.0:
@@ -133,6 +137,8 @@ def _shrunk(pixels: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "h w c"]:
 
 
 def _resized(mask: np.ndarray, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    import cv2
+
     way = cv2.INTER_AREA if mask.shape[0] > shape[0] else cv2.INTER_LINEAR
     return cv2.resize(mask.astype(np.float32), shape[1::-1], interpolation=way) > MOST
 
@@ -157,6 +163,8 @@ def _object(of: np.ndarray) -> Bool[np.ndarray, "h w"]:
 
 def _above(values: np.ndarray) -> Bool[np.ndarray, "h w"]:
     """Return where values are above Otsu's threshold."""
+    import cv2
+
     low, high = np.quantile(values, (NEGLIGIBLE, 1.0 - NEGLIGIBLE))
     level = np.clip((values - low) / max(high - low, NEGLIGIBLE), 0.0, 1.0)
     return cv2.threshold((255.0 * level).astype(np.uint8), 0, 1, cv2.THRESH_OTSU)[1] > 0
@@ -164,6 +172,8 @@ def _above(values: np.ndarray) -> Bool[np.ndarray, "h w"]:
 
 def _brighter(brightest: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Return what is brighter than the rest under any light."""
+    import cv2
+
     top = float(np.quantile(brightest, 0.99))
     level = 1.0 - np.log(np.clip(brightest / max(top, 1e-30), NEGLIGIBLE, 1.0)) / np.log(NEGLIGIBLE)
     return _object(cv2.threshold((255.0 * level).astype(np.uint8), 0, 1, cv2.THRESH_OTSU)[1])
@@ -186,6 +196,8 @@ def _colour(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
 
 def _shading(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
     """Return where brightness changes otherwise with the light than on most of the border, where it is lit."""
+    import cv2
+
     logs = _logarithms(pictures.mean(-1))
     border = logs[:, _border(logs.shape[1:])]
     of = logs - np.median(border - np.quantile(border, LIT, axis=0), 1)[:, None, None]
@@ -197,6 +209,8 @@ def _shading(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
 
 def _edges(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
     """Return what edges enclose that most photographs show."""
+    import cv2
+
     logs = [cv2.GaussianBlur(of, (0, 0), 1.0) for of in _logarithms(pictures.mean(-1))]
     edges = np.median([np.hypot(cv2.Sobel(of, -1, 1, 0), cv2.Sobel(of, -1, 0, 1)) for of in logs], 0)
     gap = 5  # pixels: what blur and Sobel's filter smear, on both sides

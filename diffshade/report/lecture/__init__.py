@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ...core.extras import check_extra
 from ...core.progress import showing
 from ...core.words import did_you_mean, listing
 from ...io.files import replacing
@@ -84,6 +85,7 @@ def write_figures(
         ValueError: If a name or a suffix is unknown, or the scale is none of 1 to 4; nothing is written then.
         NotADirectoryError: If `folder` is a file.
         TypeError: If an argument has another type.
+        ImportError: matplotlib is not installed.
     """
     names = list(FIGURES)
     if not isinstance(folder, str | Path):
@@ -134,6 +136,7 @@ def draw_figure(name: str, *, dark: bool = False, scale: int = 1) -> Figure:
 
 
 def _check(name: str, scale: int) -> None:
+    check_extra("figures", "cannot draw the figures of a lecture", "matplotlib")
     if name not in FIGURES:
         raise ValueError(f"no figure is named '{name}'. {did_you_mean(str(name), FIGURES)}")
     if scale not in (1, 2, 3, 4):

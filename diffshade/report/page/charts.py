@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from ...core.thresholds import SINGLE
 from ...diagnosis.examination import Examination
 from ...inverse.result import Fit
 from .residuals import Curve, Residuals
@@ -82,12 +83,16 @@ class Frame:
         return tuple((self.up(v), f"1e{v:g}" if self.log else _short(v)) for v in numbers)
 
 
-def _round_numbers(ends: tuple[float, float], about: int, *, whole: bool = False) -> list[float]:
-    from matplotlib.ticker import MaxNLocator
-
-    found = MaxNLocator(about, integer=whole, min_n_ticks=2).tick_values(*ends)
-    slack = 1e-9 * (ends[1] - ends[0])
-    return [0.0 if abs(v) < slack else float(v) for v in found if ends[0] - slack <= v <= ends[1] + slack]
+def _round_numbers(ends: tuple[float, float], most: int, *, whole: bool = False) -> list[float]:
+    """Return the multiples of 1, 2, 2.5 or 5 times a power of ten on an axis, with `most` steps between its ends."""
+    ends_apart = ends[1] - ends[0]
+    decade = 10.0 ** np.floor(np.log10(ends_apart / most))
+    steps = decade * np.array([1.0, 2.0, 2.5, 5.0, 10.0])
+    if whole:
+        steps = np.maximum(np.rint(steps), 1.0)
+    step = steps[ends_apart <= most * steps * (1.0 + SINGLE)][0]
+    first, last = np.ceil(ends[0] / step - SINGLE), np.floor(ends[1] / step + SINGLE)
+    return [float(step * k) for k in np.arange(first, last + 1.0) + 0.0]
 
 
 def _short(value: float) -> str:

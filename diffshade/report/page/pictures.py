@@ -15,6 +15,7 @@ from ...io.image_formats import encode, encode_indexed
 from ...model.rendering import render
 from ...model.scenes import Scene
 from ..drawn_bands import DrawnBands
+from .colours import BELOW_TO_ABOVE, colours_of
 
 LARGEST = 800  # pixels of the longer side; a larger photograph is shown smaller
 QUALITY = 88  # JPEG quality
@@ -100,10 +101,8 @@ def ball_picture(fit: Fit, scene: Scene, white: float) -> str:
 
 def _table() -> UInt8[np.ndarray, "colours 4"]:
     """Return the colours of differences, from blue (fit darker) to red (fit brighter), and a transparent one."""
-    from matplotlib import colormaps
-
-    colours = colormaps["RdBu_r"](np.linspace(0.0, 1.0, 2 * STEPS + 1))
-    return np.append(255.0 * colours, [[0.0] * 4], 0).round().astype(np.uint8)
+    colours = np.insert(colours_of(BELOW_TO_ABOVE, 2 * STEPS + 1), 3, 255, axis=1)
+    return np.append(colours, np.zeros((1, 4), np.uint8), 0)
 
 
 def displayed(image: Float[np.ndarray, "h w c"], shape: tuple[int, int], white: float) -> UInt8[np.ndarray, "a b 3"]:

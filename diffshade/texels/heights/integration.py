@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
+from ...core.extras import check_extra
 from ...core.progress import ReportProgress, showing
 from ...core.thresholds import FEW, SINGLE, SLIGHT, TINY
 from ...core.words import Note, count
@@ -78,6 +79,7 @@ def integrate_normals(
         ValueError: An array has a wrong shape, a normal is not a unit vector, an error is not above 0, more than a
             fifth of the normals face away from the camera, or none is left; the message names the texel and the remedy.
         TypeError: An argument has the wrong type.
+        ImportError: pyamg is not installed.
     """
     given = checked(normals, camera, mask, errors, shared_error)
     with showing("heights", show=progress) as report_progress, ONE_BLAS_THREAD:
@@ -103,6 +105,7 @@ def heights_within(
 
 def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportProgress) -> HeightMap:
     """Integrate normals that have been checked."""
+    check_extra("photographs", "cannot integrate normals", "pyamg")
     inside = given.inside & _reached(given.inside, given.known)
     report_progress("differences")
     filled, scale, shared = _with_errors(given, inside)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ....texels.status import STATUS
+from ..colours import LOW_TO_HIGH, colours_of
 from .layers import ERRORS, UNKNOWN_ERROR, Layer
 from .numbers import Numbers
 
@@ -35,9 +36,7 @@ UNITS = {
 
 def gradient() -> UInt8[np.ndarray, "steps 3"]:
     """Return the colours of numbers, from low to high."""
-    from matplotlib import colormaps
-
-    return np.rint(255.0 * colormaps["viridis"](np.linspace(0.0, 1.0, 64))[:, :3]).astype(np.uint8)
+    return colours_of(LOW_TO_HIGH, 64)
 
 
 def overlays_of(numbers: Numbers, layers: Sequence[Layer]) -> list[dict[str, Any]]:
