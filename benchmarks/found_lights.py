@@ -70,7 +70,7 @@ def main() -> None:
             ("intensities", nothing, {}),
         ):
             began = time.perf_counter()
-            found = ds.find_lights(told, views, **options)
+            found = ds.lights.find_lights(told, views, **options)
             took = time.perf_counter() - began
             after = degrees(found.directions, true)
             before = f"{degrees(off, true).mean():.2f}" if options else ""

@@ -1,4 +1,4 @@
-"""The time of `ds.integrate_normals`, errors included: a ball, and a relief with a step that fades out.
+"""The time of `ds.heights.integrate_normals`, errors included: a ball, and a relief with a step that fades out.
 
 python benchmarks/heights.py [--size 1000]
 
@@ -43,14 +43,14 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=1000, help="side of the square of texels (default: 1000)")
     arguments = parser.parse_args()
     print(conditions())
-    ds.integrate_normals(reliefs.sphere(32).normal, reliefs.sphere(32).camera)  # imports and compiles
+    ds.heights.integrate_normals(reliefs.sphere(32).normal, reliefs.sphere(32).camera)  # imports and compiles
     table = Table(title=f"{arguments.size**2:,} texels, normals with an error of {NOISE:g} degree")
     for column in ("", "texels", "seconds", "heights off, % of the range", "within 95 %", "jumps", "peak MB"):
         table.add_column(column, justify="left" if not column else "right")
     for name, relief in surfaces(arguments.size).items():
         normals = relief.noisy(NOISE)
         begun = time.perf_counter()
-        found = ds.integrate_normals(
+        found = ds.heights.integrate_normals(
             normals, relief.camera, mask=relief.mask, errors=np.full(relief.mask.shape, NOISE), progress=True
         )
         seconds = time.perf_counter() - begun

@@ -81,14 +81,16 @@ def noisy_maps(side: int) -> tuple[ds.TexelMaps, list[ds.View]]:
     return maps, [ds.View(seen, camera, inside, lit=(i,)) for i in range(VIEWS)]
 
 
-def heights_of(maps: ds.TexelMaps) -> ds.HeightMap:
+def heights_of(maps: ds.TexelMaps) -> ds.heights.HeightMap:
     """Return wavy heights; how they are integrated is measured by `heights.py`."""
     side = maps.status.shape[0]
     y, x = np.mgrid[0.0:side, 0.0:side] / side
     height = np.where(maps.status > 0, 0.05 * np.sin(25 * x) * np.cos(31 * y), 0.0)
     none = np.zeros(height.shape, bool)
     part = np.where(maps.status > 0, 0, -1)
-    return ds.HeightMap(height, 0.001 * np.ones_like(height), part, none, none, maps.values["normal"], maps.camera)
+    return ds.heights.HeightMap(
+        height, 0.001 * np.ones_like(height), part, none, none, maps.values["normal"], maps.camera
+    )
 
 
 def rate(gaps: list[float]) -> str:

@@ -14,7 +14,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", metavar="NAME", help="names of figures, for example snell (default: all)")
     arguments = parser.parse_args()
 
-    for path in ds.write_figures(arguments.out, only=arguments.only, progress=True):
+    for path in ds.lecture.write_figures(arguments.out, only=arguments.only, progress=True):
         print(path)
 
 

@@ -170,7 +170,9 @@ def apply_lights(
     balls = (balls,) if isinstance(balls, Calibration) else tuple(balls)
     folder = Path(photographs)
     if not balls:
-        raise ValueError("apply_lights needs the calibration of one ball at least; got none. Give ds.calibrate(...).")
+        raise ValueError(
+            "apply_lights needs the calibration of one ball at least; got none. Give ds.lights.calibrate(...)."
+        )
     for name, length in (("apart", apart), ("width", width)):
         if length is not None and not (np.isfinite(length) and length > 0.0):
             raise ValueError(f"{name} must be above 0; got {length:g}. Give it in the units of the balls' radius.")

@@ -59,7 +59,7 @@ def _of_materials(given: Path, wanted: tuple[Path, ...], name: str | None) -> tu
     import diffshade as ds
 
     check_out(wanted, [given])
-    found = ds.read_materials(given) if name is None else {name: ds.read_material(given, name=name)}
+    found = ds.exchange.read_materials(given) if name is None else {name: ds.exchange.read_material(given, name=name)}
     if list(found) == ["material"]:  # a name that no one gave
         found = {word_of(given): found["material"]}
     return found, [put_materials(path, found) for path in wanted]
@@ -87,13 +87,13 @@ def _of_maps(
     heights = integrated(maps) if meshes else None
     with showing("convert") as report_progress:
         report_progress("finding the mesh")
-        mesh = None if heights is None else ds.height_mesh(heights, tolerance=tolerance, watertight=watertight)
+        mesh = None if heights is None else ds.heights.height_mesh(heights, tolerance=tolerance, watertight=watertight)
         for path in wanted:
             report_progress(f"writing {path.name}")
             if mesh is None or path not in meshes:
-                written.append(ds.write_rti(path, maps))
+                written.append(ds.exchange.write_rti(path, maps))
             else:
-                written.append(ds.write_mesh(path, mesh, maps=maps, brighten=brighten))
+                written.append(ds.exchange.write_mesh(path, mesh, maps=maps, brighten=brighten))
     return written
 
 
@@ -117,9 +117,9 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
     out = out or file.with_suffix(".png")
     writable(out)
     chosen = "all" if lamp_set == "all" else None if lamp_set is None else int(lamp_set)
-    found = ds.read_lamp(file, lamp_set=chosen, tilt=tilt)
+    found = ds.lamps.read_lamp(file, lamp_set=chosen, tilt=tilt)
     plane = light_on_plane(found, distance, 5)
-    ds.draw_lamp(out, found, distance=distance)
+    ds.lamps.draw_lamp(out, found, distance=distance)
     unit = "lux" if found.label.unit == "cd" else f"{found.label.unit.removesuffix('/sr')} per unit of area"
     rows = ["".join(f"{value:10.4g}" for value in row) for row in plane.light]
     ends = f"{plane.across[0]:g} to {plane.across[-1]:g}"

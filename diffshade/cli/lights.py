@@ -73,7 +73,7 @@ def calibrate(
     balls_and_places = _balls_and_places(photos, mask or circle, beside=thing is not None)
     listed = None if against is None else read_directions(against)
     balls = [
-        ds.calibrate(
+        ds.lights.calibrate(
             path,
             ball=ball,
             **{"circle" if circle else "mask": of},
@@ -89,12 +89,14 @@ def calibrate(
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
     applied = None
     if thing is not None:
-        applied = ds.apply_lights(balls, thing, mask=thing_mask, srgb=srgb, exif=not no_exif, apart=apart, width=width)
+        applied = ds.lights.apply_lights(
+            balls, thing, mask=thing_mask, srgb=srgb, exif=not no_exif, apart=apart, width=width
+        )
     written = []
     if out is not None:
         (found if applied is None else applied).write(out)
         written = [f"{out}: photographs and lights", f"{out / 'lights-shown.png'}: look at the outline"]
-        ds.draw_calibration(out / "lights-shown.png", balls)
+        ds.lights.draw_calibration(out / "lights-shown.png", balls)
     encodings = _encodings(photos, srgb)
     more = {
         "photographs": found.names,
@@ -107,7 +109,7 @@ def calibrate(
     answer([encodings, *balls, compared, applied, *written], found, more)
 
 
-def _applied_data(applied: ds.AppliedLights) -> dict[str, Any]:
+def _applied_data(applied: ds.lights.AppliedLights) -> dict[str, Any]:
     """Return the lights of an object for JSON."""
     from ..core.tables import as_json
 
@@ -192,7 +194,7 @@ def find_lights(
             "them without."
         )
     with by_name(names):
-        found = ds.find_lights(
+        found = ds.lights.find_lights(
             read.scene,
             read.views,
             light_error=None if unknown else error,
@@ -209,7 +211,7 @@ def find_lights(
     )
 
 
-def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photos: Path) -> None:
+def _write_found(out: Path, found: ds.lights.FoundLights, read: PhotographFolder, photos: Path) -> None:
     """Write the photographs of a folder with the lights that were found."""
     import numpy as np
 

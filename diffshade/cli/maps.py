@@ -143,13 +143,13 @@ def _medians(maps: ds.TexelMaps) -> dict[str, np.ndarray | None]:
     return {name: np.median(value, axis=0) if len(value) else None for name, value in trusted.items()}
 
 
-def _response(scene: ds.Scene, views: list[ds.View]) -> ds.FoundResponse:
+def _response(scene: ds.Scene, views: list[ds.View]) -> ds.lights.FoundResponse:
     """Return the gamma of photographs, which these must determine."""
     import numpy as np
 
     import diffshade as ds
 
-    response = ds.find_response(scene, views, progress=True)
+    response = ds.lights.find_response(scene, views, progress=True)
     if not np.isfinite(response.error):
         raise ValueError("these photographs do not determine gamma. Leave gamma out of --free.")
     return response
@@ -260,7 +260,7 @@ def on_bands(
     return said, {**as_json(bands), "inside": dict(zip(names, coverage, strict=True))}
 
 
-def integrated(maps: ds.TexelMaps) -> ds.HeightMap:
+def integrated(maps: ds.TexelMaps) -> ds.heights.HeightMap:
     """Integrate the normals of maps, or the ones that were known."""
     import numpy as np
 
@@ -273,4 +273,4 @@ def integrated(maps: ds.TexelMaps) -> ds.HeightMap:
         surface = maps.scene.objects[0].surface
         assert isinstance(surface, ds.GBuffer)
         normal, errors = np.asarray(surface.normal), None
-    return ds.integrate_normals(normal, maps.camera, mask=inside, errors=errors, progress=True)
+    return ds.heights.integrate_normals(normal, maps.camera, mask=inside, errors=errors, progress=True)

@@ -114,14 +114,14 @@ def find_material(word: str) -> ds.Material:
     """Return the material of a file, or the one that `ds.material` has by this name."""
     import diffshade as ds
 
-    return ds.read_material(word) if Path(word).suffix else ds.material(word)
+    return ds.exchange.read_material(word) if Path(word).suffix else ds.material(word)
 
 
 def find_materials(word: str) -> Mapping[str, ds.Material]:
     """Return all materials of a file, or the one that `ds.material` has by this name."""
     import diffshade as ds
 
-    return ds.read_materials(word) if Path(word).suffix else {word: ds.material(word)}
+    return ds.exchange.read_materials(word) if Path(word).suffix else {word: ds.material(word)}
 
 
 def starter(file: Path, material: ds.Material, about: str) -> str:
@@ -158,28 +158,30 @@ def check_out(paths: Iterable[Path], given: Iterable[Path]) -> None:
         writable(path)
 
 
-def put_material(path: Path, material: ds.Material, *, name: str = "", about: str = "") -> ds.Exported | Path:
+def put_material(path: Path, material: ds.Material, *, name: str = "", about: str = "") -> ds.exchange.Exported | Path:
     """Write a material for another program, or (.toml) on a ball in a scene, depending on the suffix."""
     import diffshade as ds
 
     from ..io.files import replacing
 
     if path.suffix.lower() != ".toml":
-        return ds.write_material(path, material, name=name or word_of(path))
+        return ds.exchange.write_material(path, material, name=name or word_of(path))
     text = starter(path, material, about or f"a ball of {word_of(path)}.")
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
 
 
-def put_materials(path: Path, materials: Mapping[str, ds.Material]) -> ds.Exported | Path:
+def put_materials(path: Path, materials: Mapping[str, ds.Material]) -> ds.exchange.Exported | Path:
     """Write materials for another program, or (.toml) on balls in a scene, depending on the suffix."""
     import diffshade as ds
 
     if len(materials) == 1:
         ((name, material),) = materials.items()
         return put_material(path, material, name=name)
-    return _put_balls(path, materials) if path.suffix.lower() == ".toml" else ds.write_material(path, materials)
+    return (
+        _put_balls(path, materials) if path.suffix.lower() == ".toml" else ds.exchange.write_material(path, materials)
+    )
 
 
 def _put_balls(path: Path, materials: Mapping[str, ds.Material]) -> Path:

@@ -111,11 +111,11 @@ def _of_mesh(mesh: Path, material: str | None, size: tuple[int, int]) -> tuple[d
     import diffshade as ds
 
     found = {"": ds.Material(0.7, 0.7)} if material is None else find_materials(material)
-    camera = ds.frame_mesh(mesh, shape=(size[1], size[0]))
+    camera = ds.exchange.frame_mesh(mesh, shape=(size[1], size[0]))
     if len(found) == 1:
-        objects = [ds.Object(ds.read_mesh(mesh, camera), next(iter(found.values())))]
+        objects = [ds.Object(ds.exchange.read_mesh(mesh, camera), next(iter(found.values())))]
     else:
-        parts = ds.read_mesh_parts(mesh, camera)
+        parts = ds.exchange.read_mesh_parts(mesh, camera)
         for name in parts:
             if name not in found:
                 if not name:
@@ -145,5 +145,5 @@ def figures(folder: Path, only: tuple[str, ...] | None) -> None:
     """Write the figures of a lecture to FOLDER."""
     import diffshade as ds
 
-    paths = ds.write_figures(folder, only=only, progress=True)
+    paths = ds.lecture.write_figures(folder, only=only, progress=True)
     answer(paths, {"figures": paths})

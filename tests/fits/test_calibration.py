@@ -67,7 +67,7 @@ def test_no_mask_in_a_list_is_refused_and_each_is_read_once(tmp_path, monkeypatc
 
 def test_a_ball_is_found_without_a_mask_and_in_its_own_shadow():
     image = photographs(lit_by(DIRECTIONS[3:], ds.Material(k_d=0.8)), FAR)[0] + 0.004
-    found = ds.calibrate(image, ball="matte")
+    found = ds.lights.calibrate(image, ball="matte")
     pixel = 2.6 / SHAPE[0]
     truth = (64 - 0.1 / pixel, 60 + 0.05 / pixel, 1 / pixel)
     np.testing.assert_allclose([*found.balls[0].middle, found.balls[0].radius], truth, atol=1.2)
@@ -80,7 +80,7 @@ def test_a_ball_is_found_without_a_mask_and_in_its_own_shadow():
 
 def test_a_mirror_ball_far_away():
     images = photographs(lit_by(DIRECTIONS, CHROME), FAR)
-    found = ds.calibrate(images, ball="mirror", mask=silhouette(FAR, ds.Sphere()))
+    found = ds.lights.calibrate(images, ball="mirror", mask=silhouette(FAR, ds.Sphere()))
     angles = degrees(found.directions, DIRECTIONS)
     assert angles.max() < 0.25
     assert (angles < 3 * found.errors).all()
@@ -95,7 +95,7 @@ def test_two_mirror_balls_tell_where_the_lights_are():
     camera = ds.Camera.from_intrinsics(np.array(K) * [[3], [3], [1]], shape=(360, 384))
     scene = ds.Scene([ds.Object(ball, CHROME) for ball in balls], [ds.PointLight(place, 1.0) for place in places])
     masks = [silhouette(camera, ball) for ball in balls]
-    found = ds.calibrate(photographs(scene, camera), ball="mirror", mask=masks, camera=camera, radius=(0.5, 0.4))
+    found = ds.lights.calibrate(photographs(scene, camera), ball="mirror", mask=masks, camera=camera, radius=(0.5, 0.4))
     assert found.positions is not None
     assert found.position_errors is not None
     off = np.abs(found.positions - places)
@@ -104,7 +104,9 @@ def test_two_mirror_balls_tell_where_the_lights_are():
     np.testing.assert_allclose([light.position for light in found.scene.lights], found.positions)  # pyright: ignore
     assert "position" in str(found)
     distant = ds.Scene(scene.objects, ds.DirectionalLight(-DIRECTIONS[0]))
-    found = ds.calibrate(photographs(distant, camera), ball="mirror", mask=masks, camera=camera, radius=(0.5, 0.4))
+    found = ds.lights.calibrate(
+        photographs(distant, camera), ball="mirror", mask=masks, camera=camera, radius=(0.5, 0.4)
+    )
     assert isinstance(found.scene.lights[0], ds.DirectionalLight)
     assert degrees(found.directions, DIRECTIONS[:1]) < 0.3
     assert any("far away" in note for note in found.notes)
@@ -118,13 +120,13 @@ def test_a_matte_ball_tells_directions_and_intensities_in_colour():
     lights = [ds.DirectionalLight(-l, colour) for l, colour in zip(DIRECTIONS, colours, strict=True)]
     scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_a=0.03, k_d=1.0)), lights)
     images = photographs(scene, FAR, noise=0.01, bits=8)
-    found = ds.calibrate(list(images), ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    found = ds.lights.calibrate(list(images), ball="matte", mask=silhouette(FAR, ds.Sphere()))
     angles = degrees(found.directions, DIRECTIONS)
     assert angles.max() < 0.3
     assert (angles < 3 * found.errors).all()
     assert found.intensities is not None
     np.testing.assert_allclose(found.intensities, colours, rtol=0.02)
-    known = ds.calibrate(list(images), ball="matte", mask=silhouette(FAR, ds.Sphere()), directions=DIRECTIONS)
+    known = ds.lights.calibrate(list(images), ball="matte", mask=silhouette(FAR, ds.Sphere()), directions=DIRECTIONS)
     np.testing.assert_allclose(known.directions, DIRECTIONS)
     assert known.intensities is not None
     np.testing.assert_allclose(known.intensities, colours, rtol=0.02)
@@ -138,7 +140,7 @@ def test_a_law_that_is_not_lamberts_and_clipped_pixels_turn_no_light():
     h = DIRECTIONS + np.array([0, 0, 1])
     shine = 0.6 * np.maximum(n @ (h / np.linalg.norm(h, axis=-1, keepdims=True)).T, 0) ** 200
     images = np.moveaxis(1.05 * (u**0.8 * (1 + 0.2 * (1 - n[..., 2:])) + shine), -1, 0).clip(0, 1)
-    found = ds.calibrate(images[..., None], ball="matte", mask=mask)
+    found = ds.lights.calibrate(images[..., None], ball="matte", mask=mask)
     assert degrees(found.directions, DIRECTIONS).max() < 1.2
     assert (degrees(found.directions, DIRECTIONS) < 2 * found.errors).all()
     assert any("Lambert" in note for note in found.notes)
@@ -148,7 +150,7 @@ def test_a_photograph_with_a_second_light_is_named():
     images = photographs(lit_by(DIRECTIONS, ds.Material(k_d=0.6)), FAR, noise=0.003)
     images[2] += 0.3 * photographs(lit_by(-DIRECTIONS[2:3] * [1, 1, -1], ds.Material(k_d=0.6)), FAR)[0]
     images = np.concatenate([images, images[[0, 1, 3]] * 0.9])
-    found = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    found = ds.lights.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
     assert [note.split(" is ")[0] for note in found.notes if "second light" in note] == ["photograph 2"]
 
 
@@ -157,7 +159,7 @@ def test_a_photograph_with_a_second_light_is_named():
 
 def test_the_chrome_ball_of_washington():
     folder = measured("uw_spheres")
-    found = ds.calibrate(folder / "chrome", ball="mirror")
+    found = ds.lights.calibrate(folder / "chrome", ball="mirror")
     assert found.names[2] == "chrome.2.tga"
     other = found.compare(folder / "lights_from_chrome_highlight.txt")
     assert other.angles.max() < 0.8
@@ -184,7 +186,7 @@ def test_the_fit_of_a_glossy_ball_begins_at_its_outline_and_shading(monkeypatch)
         images = photographs(lit_by(DIRECTIONS[:2], glossy, surface), camera, noise=0.002)
         given = None if camera is FAR else camera
         with pytest.raises(Stopped) as stopped:
-            ds.calibrate(
+            ds.lights.calibrate(
                 images, ball="glossy", mask=silhouette(camera, surface), camera=given, radius=float(surface.radius)
             )
         scene, views, options = stopped.value.args
@@ -210,7 +212,7 @@ def test_a_folder_of_photographs_and_what_is_written_of_it(tmp_path):
     for i, image in enumerate(images):
         ds.write_image(source / f"shot{i + 8}.png", image, srgb=False, bits=16)
     ds.write_image(source / "mask.png", silhouette(FAR, ds.Sphere()) * 1.0, srgb=False)
-    found = ds.calibrate(source, ball="matte")
+    found = ds.lights.calibrate(source, ball="matte")
     assert found.names == ("shot8.png", "shot9.png", "shot10.png", "shot11.png")  # as people count
     assert degrees(found.directions, DIRECTIONS).max() < 0.3
     found.write(tmp_path / "out")
@@ -221,7 +223,7 @@ def test_a_folder_of_photographs_and_what_is_written_of_it(tmp_path):
     for view, own, image in zip(views, found.views, images, strict=True):
         np.testing.assert_allclose(view.image[:], image.clip(0, 1), atol=1e-5)
         np.testing.assert_allclose(own.image[:], image.clip(0, 1), atol=1e-5)
-    again = ds.calibrate(tmp_path / "out", ball="matte")
+    again = ds.lights.calibrate(tmp_path / "out", ball="matte")
     np.testing.assert_allclose(again.directions, found.directions, atol=1e-3)
     back = ds.read_scene(tmp_path / "out" / "scene.toml")
     np.testing.assert_array_equal([-l.direction for l in back.lights], found.directions)  # pyright: ignore
@@ -233,7 +235,7 @@ def test_a_folder_of_photographs_and_what_is_written_of_it(tmp_path):
 def test_images_that_pass_1_and_cameras_near_by_are_written_too(tmp_path):
     sphere = ds.Sphere((0, 0, -5.5))
     images = photographs(lit_by(DIRECTIONS[:2], ds.Material(k_d=2.0), sphere), NEAR)
-    found = ds.calibrate(images, ball="matte", mask=silhouette(NEAR, sphere), camera=NEAR)
+    found = ds.lights.calibrate(images, ball="matte", mask=silhouette(NEAR, sphere), camera=NEAR)
     assert degrees(found.directions, DIRECTIONS[:2]).max() < 0.2
     found.write(tmp_path)
     names = ["000.npy", "001.npy", "filenames.txt", "mask.png", "scene.toml"]
@@ -244,9 +246,9 @@ def test_images_that_pass_1_and_cameras_near_by_are_written_too(tmp_path):
 def test_a_folder_holds_one_calibration_and_nothing_else(tmp_path):
     folder, other = tmp_path / "one", tmp_path / "other"
     images = photographs(lit_by(DIRECTIONS[:3], MATTE), FAR)
-    far = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    far = ds.lights.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
     far.write(folder)
-    near = ds.calibrate(images[:2], ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=NEAR)
+    near = ds.lights.calibrate(images[:2], ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=NEAR)
     near.write(folder)  # of the other layout: nothing of the first is left to be read for its lights
     assert not (folder / "light_directions.txt").exists()
     assert (folder / "filenames.txt").read_text().split() == ["000.png", "001.png"]
@@ -259,15 +261,15 @@ def test_a_folder_holds_one_calibration_and_nothing_else(tmp_path):
 
 def test_what_is_taken_for_granted_of_the_camera_is_said():
     images = photographs(lit_by(DIRECTIONS[:2], MATTE), FAR)
-    found = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    found = ds.lights.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
     assert any("camera was assumed to be far away" in note for note in found.notes)
     assert not any(
         "camera was assumed to be far away" in note
-        for note in ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=NEAR).notes
+        for note in ds.lights.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=NEAR).notes
     )
     height, width = SHAPE
     whole = ds.Camera.from_intrinsics([[4000, 0, 2000], [0, 4000, 1500], [0, 0, 1]], shape=(height, width))
-    notes = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=whole).notes
+    notes = ds.lights.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=whole).notes
     assert any("principal point" in note and "another size" in note for note in notes)
 
 
@@ -280,11 +282,11 @@ def test_of_two_highlights_the_brightest_is_taken_and_the_other_said():
         return level * np.exp(-(1.0 - normals @ h) * 4000.0) * MASK
 
     one, other = np.array([0.48, 0.0, 0.877]), np.array([-0.4, 0.3, 0.866])
-    found = ds.calibrate(glint(one, 0.9) + glint(other, 0.85), ball="mirror", mask=MASK)
+    found = ds.lights.calibrate(glint(one, 0.9) + glint(other, 0.85), ball="mirror", mask=MASK)
     assert degrees(found.directions, (one / np.linalg.norm(one))[None]).max() < 1.0
     assert found.errors.max() < 2.0
     assert any("more than one highlight" in note for note in found.notes)
-    alone = ds.calibrate(glint(one, 0.9), ball="mirror", mask=MASK)
+    alone = ds.lights.calibrate(glint(one, 0.9), ball="mirror", mask=MASK)
     assert not any("more than one highlight" in note for note in alone.notes)
 
 
@@ -339,23 +341,23 @@ def test_what_cannot_be_is_said_in_one_sentence(case):
     change, message = BAD[case]
     options = {"photographs": IMAGE, "ball": "matte", "mask": MASK} | change
     with pytest.raises((ValueError, TypeError, FileNotFoundError), match=f"{re.escape(message)}[^\n]*$") as refused:
-        ds.calibrate(options.pop("photographs"), **options)
+        ds.lights.calibrate(options.pop("photographs"), **options)
     assert "\n" not in str(refused.value)
 
 
 def test_folders_that_cannot_be(tmp_path):
     with pytest.raises(ValueError, match=r"holds no photograph\. Give a folder with images"):
-        ds.calibrate(tmp_path, ball="matte")
+        ds.lights.calibrate(tmp_path, ball="matte")
     for name in ("a.png", "mask.png", "mask2.png"):
         ds.write_image(tmp_path / name, IMAGE)
     with pytest.raises(ValueError, match=r"holds several masks, mask\.png, mask2\.png\. Choose one with mask="):
-        ds.calibrate(tmp_path, ball="matte")
+        ds.lights.calibrate(tmp_path, ball="matte")
     (tmp_path / "filenames.txt").write_text("a.png\n")
-    assert ds.calibrate(tmp_path, ball="matte", mask=tmp_path / "mask.png").names == ("a.png",)
+    assert ds.lights.calibrate(tmp_path, ball="matte", mask=tmp_path / "mask.png").names == ("a.png",)
 
 
 def test_lists_that_cannot_be_compared(tmp_path):
-    found = ds.calibrate(IMAGE * 0.9, ball="matte", mask=MASK)
+    found = ds.lights.calibrate(IMAGE * 0.9, ball="matte", mask=MASK)
     with pytest.raises(ValueError, match=r"one unit vector for each of the 1 photographs; got shape \(4, 3\)"):
         found.compare(DIRECTIONS)
     with pytest.raises(FileNotFoundError, match=r"there is no file .*no\.txt\. Give a text file"):

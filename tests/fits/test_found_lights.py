@@ -50,7 +50,7 @@ def refined(matte, unequal):
     true = lights_about(COUNT)
     stated = turned(true, DEGREES, 3)
     scene = told(facing_us(matte), stated, unequal)
-    return stated, ds.find_lights(scene, matte.views, light_error=DEGREES, intensity_error=RELATIVE)
+    return stated, ds.lights.find_lights(scene, matte.views, light_error=DEGREES, intensity_error=RELATIVE)
 
 
 @pytest.mark.thorough
@@ -91,7 +91,9 @@ def test_the_found_scene_has_the_found_lights(refined, unequal):
 @pytest.mark.thorough
 def test_intensities_are_found_where_directions_are_exact(matte, unequal):
     true = lights_about(COUNT)
-    found = ds.find_lights(told(facing_us(matte), true, unequal), matte.views, light_error=0.0, intensity_error=None)
+    found = ds.lights.find_lights(
+        told(facing_us(matte), true, unequal), matte.views, light_error=0.0, intensity_error=None
+    )
     np.testing.assert_allclose(found.directions, true, atol=1e-9)
     left = np.log(found.intensities * unequal)
     assert np.std(left) < 0.002
@@ -103,7 +105,7 @@ def test_intensities_are_found_where_directions_are_exact(matte, unequal):
 def test_lights_of_which_nothing_is_known_are_found_but_for_what_is_said(matte):
     true = lights_about(COUNT)
     nothing = told(facing_us(matte), np.tile([0.0, 0.0, 1.0], (COUNT, 1)), np.ones(COUNT))
-    found = ds.find_lights(nothing, matte.views)
+    found = ds.lights.find_lights(nothing, matte.views)
     assert angle(found.directions, true).mean() < 4.0
     assert np.isinf(found.errors).all()
     assert np.isfinite(found.own_errors).all()
@@ -119,7 +121,7 @@ def test_with_unknown_intensities_too_the_lights_are_found_but_for_a_linear_map(
     """Of which the normals of a surface leave the generalised bas-relief."""
     true = lights_about(COUNT)
     nothing = told(facing_us(matte), np.tile([0.0, 0.0, 1.0], (COUNT, 1)), unequal)
-    found = ds.find_lights(nothing, matte.views, intensity_error=None)
+    found = ds.lights.find_lights(nothing, matte.views, intensity_error=None)
     vectors = found.directions * (found.intensities * unequal)[:, None]
     linear = unit(vectors @ np.linalg.lstsq(vectors, true, rcond=None)[0])
     assert angle(linear, true).mean() < 1.5
@@ -158,7 +160,7 @@ def test_lamps_nearby_are_turned_about_the_object():
         for light, d in zip(facing_us(ball).lights, stated, strict=True)
     ]
     scene = eqx.tree_at(lambda s: s.lights, facing_us(ball), tuple(moved))
-    found = ds.find_lights(scene, ball.views, light_error=DEGREES)
+    found = ds.lights.find_lights(scene, ball.views, light_error=DEGREES)
     true, before = unit(places - middle), unit(5.0 * stated - middle)
     assert angle(found.directions, true).mean() < 0.5 * angle(before, true).mean()
     for one, light in zip(found.scene.lights, moved, strict=True):
@@ -224,12 +226,14 @@ def test_black_texels_do_not_spoil_what_the_lights_are_found_from():
 )
 def test_wrong_errors_are_refused(matte, change, said):
     with pytest.raises(ValueError, match=said):
-        ds.find_lights(facing_us(matte), matte.views, **change)
+        ds.lights.find_lights(facing_us(matte), matte.views, **change)
 
 
 def test_views_without_their_own_light_and_too_few_lights_are_refused(matte):
     scene = facing_us(matte)
     with pytest.raises(ValueError, match=r"views\[0\] has 2"):
-        ds.find_lights(scene, (ds.View(matte.views[0].image, matte.views[0].camera, lit=(0, 1)), *matte.views[1:]))
+        ds.lights.find_lights(
+            scene, (ds.View(matte.views[0].image, matte.views[0].camera, lit=(0, 1)), *matte.views[1:])
+        )
     with pytest.raises(ValueError, match="at least 6 lights; the views have 5"):
-        ds.find_lights(scene, matte.views[:5])
+        ds.lights.find_lights(scene, matte.views[:5])

@@ -21,17 +21,17 @@ from diffshade.texels.heights.system import HeightGrid, HeightSystem
 
 SIZE = 48
 ONE = np.ones((SIZE, SIZE))  # degree
-plain = inspect.unwrap(ds.integrate_normals)  # past a type checker, which refuses a shape itself
+plain = inspect.unwrap(ds.heights.integrate_normals)  # past a type checker, which refuses a shape itself
 
 
-def integrated(relief: Relief, degrees: float = 1.0, seed: int = 0, **options) -> ds.HeightMap:
+def integrated(relief: Relief, degrees: float = 1.0, seed: int = 0, **options) -> ds.heights.HeightMap:
     """The heights of a relief's normals with an error that is known."""
     given = {
         "mask": relief.mask,
         "errors": np.full(relief.mask.shape, max(degrees, 1e-3)),
         "shared_error": 0.0,
     } | options
-    return ds.integrate_normals(relief.noisy(degrees, seed), relief.camera, **given)
+    return ds.heights.integrate_normals(relief.noisy(degrees, seed), relief.camera, **given)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def ball() -> Relief:
 
 
 @pytest.fixture(scope="module")
-def found(ball) -> ds.HeightMap:
+def found(ball) -> ds.heights.HeightMap:
     with jax.enable_x64(False):  # as most users have it
         heights = integrated(ball)
         assert jnp.zeros(1).dtype == jnp.float32
@@ -82,7 +82,7 @@ def test_heights_are_in_scene_units():
     """A plane that rises by 1 in 2 along x, seen by a camera 5 scene units high."""
     normal = np.broadcast_to(np.array([-1.0, 0.0, 2.0]) / np.sqrt(5.0), (20, 30, 3))
     camera = ds.OrthographicCamera((1.0, 2.0, 9.0), target=(1.0, 2.0, -3.0), height=5.0, shape=(20, 30))
-    heights = ds.integrate_normals(normal, camera)
+    heights = ds.heights.integrate_normals(normal, camera)
     np.testing.assert_allclose(heights.height, 0.125 * (np.arange(30) - 14.5)[None] + 0.0 * ONE[:20, :1], atol=1e-9)
     x, y, z = np.moveaxis(heights.position, -1, 0)
     np.testing.assert_allclose(z, -3.0 + 0.5 * (x - 1.0), atol=1e-9)
@@ -95,7 +95,7 @@ def test_any_pose_of_the_camera(ball, found):
     camera = ds.OrthographicCamera((4.0, 3.0, 1.0), up=(0.2, 0.1, 1.0), shape=(SIZE, SIZE))
     with jax.enable_x64(True):
         seen = ds.intersect(ds.Scene(ds.Object(ds.Sphere(), ds.Material()), ds.DirectionalLight((0, 0, -1))), camera)
-    heights = ds.integrate_normals(np.asarray(seen.normal), camera, mask=np.asarray(seen.mask))
+    heights = ds.heights.integrate_normals(np.asarray(seen.normal), camera, mask=np.asarray(seen.mask))
     assert np.abs(heights.height - found.height)[heights.mask & found.mask].max() < 0.05
     radius = heights.position[heights.mask] - np.asarray(seen.position)[heights.mask]
     np.testing.assert_allclose(radius - radius.mean(0), 0.0, atol=0.06)
@@ -157,10 +157,14 @@ def test_bad_normals_with_large_errors_do_not_spoil_the_rest(ball, found):
     bad[18:26, 12:20] = True
     rng = np.random.default_rng(5)
     poor = np.where(bad[..., None], ball.noisy(25.0, seed=3), ball.noisy(1.0))
-    weighed = ds.integrate_normals(poor, ball.camera, mask=ball.mask, errors=np.where(bad, 25.0, 1.0), shared_error=0)
+    weighed = ds.heights.integrate_normals(
+        poor, ball.camera, mask=ball.mask, errors=np.where(bad, 25.0, 1.0), shared_error=0
+    )
     junk = np.where(rng.random((SIZE, SIZE, 1)) < 0.5, np.nan, rng.standard_normal((SIZE, SIZE, 3)))
     junk = np.where(bad[..., None], junk, ball.noisy(1.0))
-    bridged = ds.integrate_normals(junk, ball.camera, mask=ball.mask, errors=np.where(bad, np.inf, 1.0), shared_error=0)
+    bridged = ds.heights.integrate_normals(
+        junk, ball.camera, mask=ball.mask, errors=np.where(bad, np.inf, 1.0), shared_error=0
+    )
     for heights in (weighed, bridged):
         far = heights.mask & found.mask & ~bad
         assert (heights.height - found.height)[far].std() < 0.5 * np.median(found.errors[far])
@@ -193,7 +197,7 @@ def test_errors_grow_with_those_of_the_normals(ball, found):
 def test_normals_that_face_away_are_not_known(ball):
     normals = ball.noisy(1.0)
     normals[20, 20] = (0.6, 0.0, -0.8)
-    heights = ds.integrate_normals(normals, ball.camera, mask=ball.mask, errors=ONE)
+    heights = ds.heights.integrate_normals(normals, ball.camera, mask=ball.mask, errors=ONE)
     assert any(n.kind == "facing away" for n in heights.notes)
     assert relative(heights, ball) < 0.01
 

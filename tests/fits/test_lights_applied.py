@@ -42,12 +42,12 @@ def folders(tmp_path_factory):
 @pytest.fixture(scope="module")
 def balls(folders):
     mask = ds.intersect(lit_by(lights_about(COUNT), GLINT), FAR).mask
-    return [ds.calibrate(folders[0] / name, ball="mirror", mask=mask) for name in ("left", "right")]
+    return [ds.lights.calibrate(folders[0] / name, ball="mirror", mask=mask) for name in ("left", "right")]
 
 
 @pytest.mark.thorough
 def test_a_ball_without_a_mask_is_found_and_said(folders, balls):
-    found, true = ds.calibrate(folders[0] / "left", ball="mirror"), balls[0]
+    found, true = ds.lights.calibrate(folders[0] / "left", ball="mirror"), balls[0]
     column, row = found.balls[0].middle
     assert np.allclose((column, row), true.balls[0].middle, atol=0.7)
     assert abs(found.balls[0].radius - true.balls[0].radius) < 0.7
@@ -57,7 +57,7 @@ def test_a_ball_without_a_mask_is_found_and_said(folders, balls):
 
 def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     here, ball = folders
-    applied = ds.apply_lights(balls, here / "object")
+    applied = ds.lights.apply_lights(balls, here / "object")
     off = np.rad2deg(np.arccos(np.clip((applied.directions * lights_about(COUNT)).sum(-1), -1, 1)))
     assert off.mean() < 1.5
     assert np.mean(off <= 2.45 * applied.errors / np.sqrt(2.0)) >= 0.8
@@ -80,10 +80,10 @@ def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     np.testing.assert_allclose(kept, applied.errors / np.sqrt(2.0), rtol=1e-5)
     np.testing.assert_allclose(views[0].image, ds.read_image(here / "object" / "shot_00.png", srgb=False), atol=1e-4)
     applied.write(tmp_path / "ready")  # again
-    ds.draw_calibration(tmp_path / "shown.png", balls)
+    ds.lights.draw_calibration(tmp_path / "shown.png", balls)
     assert ds.read_image(tmp_path / "shown.png").shape[0] > 500
     with pytest.raises(ValueError, match=r"drawn as \.pdf or \.png"):
-        ds.draw_calibration(tmp_path / "shown.gif", balls)
+        ds.lights.draw_calibration(tmp_path / "shown.gif", balls)
 
 
 @pytest.mark.thorough
@@ -93,7 +93,7 @@ def test_photographs_beyond_1_are_carried_as_they_are(folders, balls, tmp_path):
     write_shots(bright, [np.asarray(view.image) for view in ball.views])
     np.save(bright / "shot_00.npy", 3.0 * ds.read_image(bright / "shot_00.png", srgb=False))
     (bright / "shot_00.png").unlink()
-    ds.apply_lights(balls[0], bright, srgb=False).write(tmp_path / "brighter")
+    ds.lights.apply_lights(balls[0], bright, srgb=False).write(tmp_path / "brighter")
     held = ds.read_photographs(tmp_path / "brighter", normals=False)[1][0].image[:]
     np.testing.assert_allclose(held, np.load(bright / "shot_00.npy"))
 
@@ -119,7 +119,7 @@ def test_an_object_that_does_not_fit_is_refused(folders, balls, tmp_path, change
     write_shots(tmp_path / "object", [np.asarray(view.image) for view in ball.views])
     change(tmp_path / "object")
     with pytest.raises(ValueError, match=said):
-        ds.apply_lights(balls[0], tmp_path / "object")
+        ds.lights.apply_lights(balls[0], tmp_path / "object")
 
 
 def test_photographs_that_do_not_show_their_curve_ask_for_it(folders, balls, tmp_path):
@@ -128,7 +128,7 @@ def test_photographs_that_do_not_show_their_curve_ask_for_it(folders, balls, tmp
     inside = np.hypot(*(np.indices((40, 40)) - 20.0)) < 18.0
     images = [np.where(inside[..., None], random.uniform(0.3, 0.6, (40, 40, 3)), 0.0) for _ in range(COUNT)]
     write_shots(tmp_path / "object", images, srgb=True)
-    text = str(ds.apply_lights(balls[0], tmp_path / "object", mask=inside))
+    text = str(ds.lights.apply_lights(balls[0], tmp_path / "object", mask=inside))
     assert "do not show it clearly" in text
     assert "Say which they are, with --srgb or --linear" in text
-    assert "do not show it" not in str(ds.apply_lights(balls[0], tmp_path / "object", mask=inside, srgb=True))
+    assert "do not show it" not in str(ds.lights.apply_lights(balls[0], tmp_path / "object", mask=inside, srgb=True))

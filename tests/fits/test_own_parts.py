@@ -239,12 +239,12 @@ def test_what_cannot_take_them_says_so(tmp_path):
     with pytest.raises(ValueError, match=r"MicroFacets.*AbstractPowerLobe"):
         ds.fit_texels(scene, views)
     with pytest.raises(ValueError, match=r"Marble"):
-        ds.write_material(tmp_path / "m.mtl", ds.Material(k_d=own_parts.Marble(1, 0)))
+        ds.exchange.write_material(tmp_path / "m.mtl", ds.Material(k_d=own_parts.Marble(1, 0)))
     with pytest.raises(ValueError, match=r"TubeLight"):
-        ds.write_material(tmp_path / "m.c", ds.Material(), lights=own_parts.TubeLight((0, 0, 1), (1, 0, 1)))
+        ds.exchange.write_material(tmp_path / "m.c", ds.Material(), lights=own_parts.TubeLight((0, 0, 1), (1, 0, 1)))
     with pytest.raises(TypeError, match=r"AbstractPowerLobe|PowerLobe"):
-        ds.with_lobe(ds.Material(k_s=0.2), own_parts.MicroFacets())  # pyright: ignore[reportArgumentType]
-    exported = ds.write_material(tmp_path / "m.mtl", scene.objects[0].material)
+        ds.exchange.with_lobe(ds.Material(k_s=0.2), own_parts.MicroFacets())  # pyright: ignore[reportArgumentType]
+    exported = ds.exchange.write_material(tmp_path / "m.mtl", scene.objects[0].material)
     assert "MicroFacets" in " ".join(exported.notes)
     assert exported.rms > 0
     with pytest.raises(ValueError, match=r"m must be between 0.02 and 2"):

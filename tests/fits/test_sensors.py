@@ -171,7 +171,7 @@ def test_texels_tell_an_undeclared_gamma():
         dataclasses.replace(view, image=np.round(255 * np.maximum(view.image / white, 0) ** (1 / 1.6)) / 255)
         for view in ball.views
     ]
-    found = ds.find_response(facing_us(ball), coded)
+    found = ds.lights.find_response(facing_us(ball), coded)
     assert abs(found.gamma - 1.6) < 2.0 * found.error < 0.3
     assert found.misfit < 0.5 * found.misfit_linear
     assert found.views[3].sensor is not None
@@ -181,10 +181,10 @@ def test_texels_tell_an_undeclared_gamma():
 def test_a_response_is_found_from_plain_views_alone():
     ball = textured_ball(16, 12)
     with pytest.raises(ValueError, match="find_response needs at least 12 views; got 11"):
-        ds.find_response(facing_us(ball), ball.views[:11])
+        ds.lights.find_response(facing_us(ball), ball.views[:11])
     known = [dataclasses.replace(view, sensor=ds.Sensor()) for view in ball.views]
     with pytest.raises(ValueError, match=r"views\[0\] has a sensor"):
-        ds.find_response(facing_us(ball), known)
+        ds.lights.find_response(facing_us(ball), known)
 
 
 def test_wrong_sensors_are_refused():

@@ -158,7 +158,7 @@ def test_derivatives_at_the_poles_of_a_sphere_are_finite():
             ),
             ("glass", "eta 1.5", "Texture"),
         ),
-        (lambda: ds.with_lobe(ds.Material(**MAPS), ds.Blinn()), ("an array for k_a", "one colour")),
+        (lambda: ds.exchange.with_lobe(ds.Material(**MAPS), ds.Blinn()), ("an array for k_a", "one colour")),
         (
             lambda: ds.fit_texels(scene(**MAPS), [ds.View(np.ones((20, 24, 3)), CAMERA, lit=0)] * 2),
             ("coefficients over the pixels", "plain colours"),

@@ -27,7 +27,7 @@ def test_they_are_written_and_each_is_whole(names, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Figure, "savefig", saving)
     folder = tmp_path / "made" / "here"
-    paths = ds.write_figures(folder, only=None if names == NAMES else names)
+    paths = ds.lecture.write_figures(folder, only=None if names == NAMES else names)
     assert [path.name for path in paths] == [f"{NAMES.index(name) + 1:02}_{name}.png" for name in names]
     assert sorted(folder.iterdir()) == sorted(paths)
     for name, path, figure in zip(names, paths, drawn, strict=True):

@@ -53,7 +53,7 @@ def test_a_folder_of_photographs_to_a_page_and_materials(typed, folder):
         assert low <= parameter["value"] <= high
         assert parameter["name"] in page
     typed("fit", folder, "-o", "ball.mtl", "-o", "ball.js", "-o", "ball.toml")
-    assert ds.read_material("ball.toml").n_s == pytest.approx(20, rel=0.1)
+    assert ds.exchange.read_material("ball.toml").n_s == pytest.approx(20, rel=0.1)
     assert Path("ball.js").is_file()
 
 
@@ -118,7 +118,7 @@ def test_from_photographs_of_a_ball_alone_to_a_page_and_materials(typed, tmp_pat
     typed("report", "ready", "--quick", "-o", "ball.html")
     typed("fit", "ready", "-o", "ball.mtl", "-o", "ball.json")
     assert Path("ball.html").is_file()
-    assert ds.read_material("ball.mtl").k_d == pytest.approx([0.5, 0.4, 0.3], rel=0.05)
+    assert ds.exchange.read_material("ball.mtl").k_d == pytest.approx([0.5, 0.4, 0.3], rel=0.05)
 
 
 def test_help_and_completion_answer_without_jax():

@@ -173,6 +173,6 @@ def test_maps_are_never_opened(tmp_path, monkeypatch):
     lines = [f"{key} {name}" for key in ("map_Kd", "map_Bump", "bump", "refl", "disp", "decal") for name in names]
     (tmp_path / "a.mtl").write_text("newmtl ../../a\nKd 1 0 0\n" + "\n".join(lines))
     opened = watch_opening(monkeypatch)
-    found = ds.read_materials(tmp_path / "a.mtl")
+    found = ds.exchange.read_materials(tmp_path / "a.mtl")
     assert list(found) == ["../../a"]
     assert set(opened) == {str(tmp_path / "a.mtl")}

@@ -68,7 +68,7 @@ def compare(program, name, material, written, images, views, ambient=1.0, slack=
 def test_a_program_renders_the_same(program, name, tmp_path):
     suffix, draw = FORMATS[program]
     material, views = MATERIALS[name], views_of(MATERIALS[name])
-    written = ds.write_material(tmp_path / f"ball{suffix}", material, name="ball")
+    written = ds.exchange.write_material(tmp_path / f"ball{suffix}", material, name="ball")
     compare(program, name, material, written, draw(tmp_path, written.path, views), views)
 
 
@@ -76,11 +76,11 @@ def test_a_program_renders_the_same(program, name, tmp_path):
 def test_mtl_means_what_opengl_and_povray_render(name, tmp_path):
     """MTL belongs to no program: its formula is OpenGL's, up to 128, and beyond that POV-Ray's specular."""
     material, views = MATERIALS[name], views_of(MATERIALS[name])
-    written = ds.write_material(tmp_path / "ball.mtl", material, name="ball")
-    read = ds.read_material(tmp_path / "ball.mtl")
+    written = ds.exchange.write_material(tmp_path / "ball.mtl", material, name="ball")
+    read = ds.exchange.read_material(tmp_path / "ball.mtl")
     program = "OpenGL" if read.n_s <= 128 else "POV-Ray"
     suffix, draw = FORMATS[program]
-    shown = ds.write_material(tmp_path / f"ball{suffix}", read, name="ball")
+    shown = ds.exchange.write_material(tmp_path / f"ball{suffix}", read, name="ball")
     if program == "POV-Ray" and shown.largest > 1e-3:
         pytest.skip("POV-Ray cannot tint this highlight, and OpenGL's shininess ends at 128.")
     compare(program, f"mtl {name}", material, written, draw(tmp_path, shown.path, views), views, slack=0.02)
@@ -92,7 +92,7 @@ def test_three_js_renders_the_same(tmp_path):
     for k, (name, material) in enumerate(MATERIALS.items()):
         for suffix in (".json", ".js", ".gltf"):
             file = f"ball{k}{suffix}"
-            written[file], files[file] = ds.write_material(tmp_path / file, material, name="ball"), name
+            written[file], files[file] = ds.exchange.write_material(tmp_path / file, material, name="ball"), name
     images = threejs(tmp_path, files, views)
     for file, name in files.items():
         glb = file.endswith(".gltf")
@@ -139,7 +139,7 @@ def test_what_is_read_of_three_js_and_gltf_is_what_they_render(tmp_path, caplog)
         views[name] = views_of(wide)
         for file in (json_, gltf):
             caplog.clear()
-            found = ds.read_material(tmp_path / file)
+            found = ds.exchange.read_material(tmp_path / file)
             read[file] = found, *map(float, re.findall(r"by ([\d.e+-]+) \(rms\) and ([\d.e+-]+)", caplog.text)[0])
             files[file] = name
     images = threejs(tmp_path, files, views)
@@ -163,7 +163,7 @@ def test_opengl_lights_are_the_librarys(tmp_path):
         ds.SpotLight((1, -1, 3), (-0.3, 0.4, -1), 1, 20, 2, FADES, ambient=(0.2, 1, 0.5), specular=(0, 0.5, 1)),
     )
     material = MATERIALS["gold"]
-    written = ds.write_material(tmp_path / "ball.c", material, name="ball", lights=lights)
+    written = ds.exchange.write_material(tmp_path / "ball.c", material, name="ball", lights=lights)
     y, x = np.meshgrid(*((2 * np.arange(WIDTH) + 1) / WIDTH - 1,) * 2, indexing="ij")
     inside = x**2 + y**2 < 0.99
     n = np.stack([x, y, np.sqrt(np.where(inside, 1 - x**2 - y**2, 1.0))], -1) * inside[..., None]
@@ -174,7 +174,7 @@ def test_opengl_lights_are_the_librarys(tmp_path):
     (image,) = opengl_draw(program, [view], positions=p.reshape(-1, 3))
     found = image.reshape(WIDTH, WIDTH, 3)[::-1]
     camera = ds.OrthographicCamera((0, 0, 4), shape=(WIDTH, WIDTH), height=2)
-    for used in (lights, ds.read_lights(tmp_path / "ball.c")):
+    for used in (lights, ds.exchange.read_lights(tmp_path / "ball.c")):
         picture = np.asarray(
             ds.render(ds.Scene(ds.Object(ds.GBuffer(n[::-1], p[::-1], inside[::-1]), material), used), camera)
         )

@@ -42,14 +42,14 @@ def found(section: str, path: Path, folder: Path) -> str:
         path = folder / "a.ies"
         path.write_text(text[text.index("IESNA") :].partition("`")[0], encoding="utf-8")
     if path.suffix.lower() in (".ies", ".ldt"):
-        return str(ds.read_lamp(path)).splitlines()[1][12:]
-    number = len(ds.read_materials(path))
+        return str(ds.lamps.read_lamp(path)).splitlines()[1][12:]
+    number = len(ds.exchange.read_materials(path))
     return f"{number} material{'s' if number > 1 else ''}"
 
 
 def found_of_mesh(path: Path) -> str:
     """Read a mesh: its area, how many parts it has, and how far its normals are from its faces on the mean."""
-    mesh = ds.read_mesh(path, None)
+    mesh = ds.exchange.read_mesh(path, None)
     corners = np.reshape(mesh.corners, (-1, 3, 3))
     kept = len(corners)
     while kept > 1 and (corners[kept - 1] == corners[kept - 2]).all():
@@ -57,7 +57,7 @@ def found_of_mesh(path: Path) -> str:
     corners = corners[:kept]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(across, axis=-1) / 2
-    parts = len(ds.read_mesh_parts(path, ds.frame_mesh(path, shape=(48, 48))))
+    parts = len(ds.exchange.read_mesh_parts(path, ds.exchange.frame_mesh(path, shape=(48, 48))))
     said = f"area {area.sum():.5g}" + (f", {parts} parts" if parts > 1 else "")
     if mesh.normals is None:
         return said

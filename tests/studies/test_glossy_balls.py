@@ -17,7 +17,7 @@ def test_one_photograph_of_a_glossy_ball():
     """Pose, light and material of an 8-bit photograph with noise, and what it cannot tell."""
     scene = lit_by(DIRECTIONS[:1], TRUTH)
     image = photographs(scene, FAR, noise=0.004, bits=8)
-    found = ds.calibrate(image, ball="glossy", mask=silhouette(FAR, ds.Sphere()))
+    found = ds.lights.calibrate(image, ball="glossy", mask=silhouette(FAR, ds.Sphere()))
     assert found.fit is not None
     assert found.fit_errors is not None
     assert degrees(found.directions, DIRECTIONS[:1]) < 3 * found.errors
@@ -51,7 +51,7 @@ def test_glossy_balls_seen_from_near_by():
         sphere = ds.Sphere((random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), -5.5))
         scene = lit_by(l[None] / np.linalg.norm(l), material, sphere)
         image = photographs(scene, NEAR, noise=0.004, bits=8)
-        found = ds.calibrate(image, ball="glossy", mask=silhouette(NEAR, sphere), camera=NEAR)
+        found = ds.lights.calibrate(image, ball="glossy", mask=silhouette(NEAR, sphere), camera=NEAR)
         assert found.fit is not None
         assert found.fit_errors is not None
         scores.append((found.fit.values - found.fit.values_in(scene)) / found.fit_errors)
@@ -62,13 +62,13 @@ def test_glossy_balls_seen_from_near_by():
 
 def test_shadows_that_are_cut_off_are_named():
     image = photographs(lit_by(DIRECTIONS[3:], ds.Material(k_d=0.5, k_s=0.3, n_s=20)), FAR, noise=0.004, bits=8)
-    found = ds.calibrate(image, ball="glossy", mask=silhouette(FAR, ds.Sphere()))
+    found = ds.lights.calibrate(image, ball="glossy", mask=silhouette(FAR, ds.Sphere()))
     assert any("samples are 0" in note and "tobit" in note for note in found.notes)
 
 
 def test_the_fit_of_a_calibrated_ball_finds_its_own_unit():
     images = photographs(lit_by(DIRECTIONS, ds.Material(k_a=0.02, k_d=(0.6, 0.5, 0.4))), FAR, noise=0.002)
-    found = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    found = ds.lights.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
     fit = ds.fit(found.scene, found.views, free=("k_a", "k_d"))
     np.testing.assert_allclose(fit.material.k_d, 1.0, rtol=0.02)  # the ball is the unit
 
@@ -96,12 +96,12 @@ def test_the_errors_by_patches_cover():
 def test_the_gray_ball_of_washington():
     """It stands by the chrome ball, but for one photograph, and against the published list in more than half."""
     folder = measured("uw_spheres")
-    found = ds.calibrate(folder / "gray", ball="matte")
+    found = ds.lights.calibrate(folder / "gray", ball="matte")
     assert 0.8 < found.errors.min() < found.errors.max() < 2.2
     published = found.compare(folder / "lights.txt")
     assert {0, 1, 2, 8, 10} <= set(published.disagrees)
     assert "gray.1.tga (6." in str(published)
-    chrome = found.compare(ds.calibrate(folder / "chrome", ball="mirror"), name="the chrome ball")
+    chrome = found.compare(ds.lights.calibrate(folder / "chrome", ball="mirror"), name="the chrome ball")
     assert chrome.disagrees == [2]
     assert chrome.angles.mean() < 2
     assert [note.split(" is ")[0] for note in found.notes if "second light" in note] == ["gray.2.tga"]
@@ -111,14 +111,14 @@ def test_the_gray_ball_of_washington():
 
 def test_a_ball_without_its_mask_is_the_one_with_it():
     folder = measured("uw_spheres") / "gray"
-    found = ds.calibrate([folder / f"gray.{i}.tga" for i in range(0, 12, 3)], ball="matte")
+    found = ds.lights.calibrate([folder / f"gray.{i}.tga" for i in range(0, 12, 3)], ball="matte")
     np.testing.assert_allclose([*found.balls[0].middle, found.balls[0].radius], [245, 145, 108.2], atol=2)
 
 
 def test_the_highlights_of_diligent_tell_its_lights():
     """Another ball, lights and camera; its list has an error of its own."""
     folder = measured("diligent_ball")
-    found = ds.calibrate(folder, ball="mirror")
+    found = ds.lights.calibrate(folder, ball="mirror")
     angles = found.compare(folder / "light_directions.txt").angles
     assert angles.mean() < 0.6
     assert angles.max() < 1.3

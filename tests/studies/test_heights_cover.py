@@ -26,7 +26,7 @@ SURFACES = {
 }
 
 
-def step_error(heights: ds.HeightMap, surface: Relief) -> float:
+def step_error(heights: ds.heights.HeightMap, surface: Relief) -> float:
     """By how much of the step's height its two sides are off at the border where it is highest."""
     wrong = np.zeros(heights.mask.shape)
     wrong[heights.mask] = off(heights, surface)
@@ -42,7 +42,7 @@ def test_heights_are_within_one_percent_and_their_errors_cover(name: str, perspe
     surface = SURFACES[name](perspective)
     shares = []
     for seed in range(DRAWS):
-        heights = ds.integrate_normals(
+        heights = ds.heights.integrate_normals(
             surface.noisy(1.0, seed), surface.camera, mask=surface.mask, errors=ONE, shared_error=0
         )
         assert relative(heights, surface) < 0.01
@@ -87,7 +87,9 @@ def test_errors_that_all_normals_share_are_in_those_of_heights(name: str, togeth
     one, two = [], []
     for seed in range(12 if together else 4):
         normal, errors = recovered(surface, degrees, 12, together=together, seed=seed)
-        heights = ds.integrate_normals(normal, surface.camera, mask=surface.mask, errors=errors, shared_error=degrees)
+        heights = ds.heights.integrate_normals(
+            normal, surface.camera, mask=surface.mask, errors=errors, shared_error=degrees
+        )
         assert heights.jump_right.sum() + heights.jump_below.sum() == 0
         ratio = np.abs(off(heights, surface)) / heights.errors[heights.mask]
         one, two = [*one, np.mean(ratio < 1.0)], [*two, np.mean(ratio < 1.96)]
@@ -101,9 +103,9 @@ def test_errors_that_the_curl_does_not_show_are_shared():
     surface = reliefs.sphere(64)
     normal, _ = recovered(surface, 0.0, 12, together=True, seed=0)
     given = np.where(surface.mask, 4.0, 1.0)
-    heights = ds.integrate_normals(normal, surface.camera, mask=surface.mask, errors=given)
+    heights = ds.heights.integrate_normals(normal, surface.camera, mask=surface.mask, errors=given)
     assert any("curl is smaller than their errors" in note for note in heights.notes)
-    own = ds.integrate_normals(normal, surface.camera, mask=surface.mask, errors=given, shared_error=0.0)
+    own = ds.heights.integrate_normals(normal, surface.camera, mask=surface.mask, errors=given, shared_error=0.0)
     assert not any("have in common" in note for note in own.notes)
     assert np.median(heights.errors[surface.mask]) > 2.0 * np.median(own.errors[surface.mask])
 
@@ -113,14 +115,16 @@ def test_noise_cuts_nothing_into_a_smooth_ball(seed: int):
     """Of normals that are 5 degrees off, whatever is said of it."""
     surface = reliefs.sphere(SIZE)
     for errors in (5.0 * ONE, None, ONE):
-        heights = ds.integrate_normals(surface.noisy(5.0, seed), surface.camera, mask=surface.mask, errors=errors)
+        heights = ds.heights.integrate_normals(
+            surface.noisy(5.0, seed), surface.camera, mask=surface.mask, errors=errors
+        )
         assert heights.jump_right.sum() + heights.jump_below.sum() < 10
 
 
 def test_plain_least_squares_would_lose_the_step():
     """So that the test of the step cannot pass for nothing: with errors of 20 degrees no jump stands out of noise."""
     surface = relief(SIZE, FADING)
-    heights = ds.integrate_normals(surface.noisy(1.0), surface.camera, errors=20.0 * ONE, shared_error=0)
+    heights = ds.heights.integrate_normals(surface.noisy(1.0), surface.camera, errors=20.0 * ONE, shared_error=0)
     assert not heights.jump_right.any()
     assert abs(step_error(heights, surface)) > 0.3
 
@@ -135,7 +139,7 @@ STEPS = [
 def test_a_step_across_leaves_two_parts(height: float, angle: float):
     surface = relief(SIZE, stepped(height, whole=True, angle=angle))
     for seed in range(2):
-        heights = ds.integrate_normals(surface.noisy(1.0, seed), surface.camera, errors=ONE, shared_error=0)
+        heights = ds.heights.integrate_normals(surface.noisy(1.0, seed), surface.camera, errors=ONE, shared_error=0)
         assert (np.bincount(heights.part.ravel()) > 20).sum() == 2
         assert "relative heights of 2 parts" in next(note for note in heights.notes if note.kind == "parts")
 
@@ -144,7 +148,7 @@ def test_a_step_across_leaves_two_parts(height: float, angle: float):
 def test_a_step_that_fades_out_leaves_one_part(end: float):
     surface = relief(SIZE, stepped(0.3, end=end))
     for seed in range(3):
-        heights = ds.integrate_normals(surface.noisy(1.0, seed), surface.camera, errors=ONE, shared_error=0)
+        heights = ds.heights.integrate_normals(surface.noisy(1.0, seed), surface.camera, errors=ONE, shared_error=0)
         assert (np.bincount(heights.part.ravel()) > 20).sum() == 1
 
 
@@ -154,7 +158,7 @@ def test_errors_that_differ_from_texel_to_texel_cover():
     degrees = ONE.copy()
     degrees[:, SIZE // 2 :] = 5.0
     found = [
-        ds.integrate_normals(surface.noisy(degrees, seed), surface.camera, errors=degrees, shared_error=0)
+        ds.heights.integrate_normals(surface.noisy(degrees, seed), surface.camera, errors=degrees, shared_error=0)
         for seed in range(5)
     ]
     heights = found[0]
@@ -168,14 +172,18 @@ def test_a_band_of_unknown_normals_is_bridged_with_honest_errors():
     errors = ONE.copy()
     errors[60:66] = np.inf
     found = [
-        ds.integrate_normals(surface.noisy(1.0, seed), surface.camera, mask=surface.mask, errors=errors, shared_error=0)
+        ds.heights.integrate_normals(
+            surface.noisy(1.0, seed), surface.camera, mask=surface.mask, errors=errors, shared_error=0
+        )
         for seed in range(3)
     ]
     for heights in found:
         assert np.bincount(heights.part[heights.mask]).max() > 0.99 * heights.mask.sum()
         assert relative(heights, surface) < 0.02
     assert np.mean([covered(heights, surface) for heights in found]) > 0.90
-    whole = ds.integrate_normals(surface.noisy(1.0), surface.camera, mask=surface.mask, errors=ONE, shared_error=0)
+    whole = ds.heights.integrate_normals(
+        surface.noisy(1.0), surface.camera, mask=surface.mask, errors=ONE, shared_error=0
+    )
     assert np.median(found[0].errors[surface.mask]) > 1.5 * np.median(whole.errors[surface.mask])
 
 
@@ -185,7 +193,7 @@ def test_heights_of_measured_normals_have_no_curl_left():
     normals = np.load(folder / "normal_gt.npy")
     mask = ds.read_mask(folder / "mask.png")
     camera = ds.OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape)
-    heights = ds.integrate_normals(normals, camera, mask=mask & (normals != 0).any(-1))
+    heights = ds.heights.integrate_normals(normals, camera, mask=mask & (normals != 0).any(-1))
     assert np.bincount(heights.part[heights.mask]).max() > 0.95 * mask.sum()
     pixel = 2.2 / mask.shape[0]
     slope = np.diff(heights.height, axis=1) / pixel

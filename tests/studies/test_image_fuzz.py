@@ -236,14 +236,14 @@ def test_a_mesh_opens_no_file_but_buffers_beside_it(good, tmp_path, monkeypatch)
         (folder / name).write_text(text)
     opened = watch_opening(monkeypatch)
     for name in files:
-        ds.read_mesh(folder / name, CAMERA)
+        ds.exchange.read_mesh(folder / name, CAMERA)
     found = {path for path in opened if path.startswith(f"{tmp_path}")}
     buffers = {f"{folder / f'gltf_buffer_{i}.bin'}" for i in (0, 1)}
     assert found == {f"{folder / name}" for name in files} | buffers
     (folder / "gltf_buffer_0.bin").unlink()  # by its name alone it would be found here
     (folder / "b.gltf").write_text(gltf.replace("gltf_buffer_0", "../gltf_buffer_0"))
     with pytest.raises(ValueError, match=r"b\.gltf cannot be read as glTF 2\.0: there is no buffer .*gltf_buffer_0"):
-        ds.read_mesh(folder / "b.gltf", CAMERA)
+        ds.exchange.read_mesh(folder / "b.gltf", CAMERA)
 
 
 class Touch:

@@ -78,8 +78,8 @@ def frames():
 def applied_to(folder, frames, crops, **lengths):
     for name, images, crop in zip(("left", "right", "object"), frames, crops, strict=True):
         shots(folder / name, images, crop)
-    balls = [ds.calibrate(folder / name, ball="mirror", srgb=False) for name in ("left", "right")]
-    return ds.apply_lights(balls, folder / "object", srgb=False, **lengths)
+    balls = [ds.lights.calibrate(folder / name, ball="mirror", srgb=False) for name in ("left", "right")]
+    return ds.lights.apply_lights(balls, folder / "object", srgb=False, **lengths)
 
 
 CROPS = (  # of the left ball, the right ball and the object

@@ -34,12 +34,12 @@ def test_derivatives_are_those_of_finite_differences():
 
 @pytest.mark.parametrize("single", [False, True])
 def test_derivatives_are_finite_at_the_poles_the_kinks_and_the_lamp(single):
-    table = ds.Profile([0, 20, 90, 180], [0], [[1, 0.9, 0.2, 0.3]]) if single else TABLE
+    table = ds.lamps.Profile([0, 20, 90, 180], [0], [[1, 0.9, 0.2, 0.3]]) if single else TABLE
     special = [towards(g, C) for g in (0.0, 1e-9, 20.0, 90.0, 130.0, 180.0) for C in (0.0, 45.0, 180.0)]
     points = np.array([*special, (0.0, 0, 0)])
 
     def arriving(position, direction, side, p):
-        light = ds.MeasuredLight(position, direction, table, side=side)
+        light = ds.lamps.MeasuredLight(position, direction, table, side=side)
         return light.arriving(Vec3.of(p))[1].x
 
     at = (np.zeros(3), np.array([0.0, -1, 0]), np.array([1.0, 0, 0]))
@@ -51,7 +51,7 @@ def test_derivatives_are_finite_at_the_poles_the_kinks_and_the_lamp(single):
 
 
 def test_a_picture_under_several_lamps_is_the_sum_of_those_under_each():
-    narrow = dataclasses.replace(LAMP, profile=ds.Profile([0, 40], [0], [[1, 0]]))
+    narrow = dataclasses.replace(LAMP, profile=ds.lamps.Profile([0, 40], [0], [[1, 0]]))
     lamps = [LAMP, dataclasses.replace(LAMP, position=(1, 2, 0)), narrow]
     item = ds.Object(ds.Sphere(), ds.Material(k_d=0.7))
     camera = ds.Camera((0, 0, 4), fov=35, shape=(12, 12))
@@ -70,7 +70,7 @@ def test_a_lamp_is_fitted():
     told = ds.Scene(surface, dataclasses.replace(true, position=(0.1, 1.8, 0.5), direction=(0, -1, 0.1), intensity=1))
     fit = ds.fit(told, views, free=("position", "direction", "intensity"), start="scene")
     (lamp,) = fit.scene.lights
-    assert isinstance(lamp, ds.MeasuredLight)
+    assert isinstance(lamp, ds.lamps.MeasuredLight)
     np.testing.assert_allclose(lamp.position, true.position, atol=1e-6)
     np.testing.assert_allclose(lamp.direction, true.direction / np.linalg.norm(true.direction), atol=1e-6)
     np.testing.assert_allclose(lamp.intensity, true.intensity, rtol=1e-6)
@@ -78,7 +78,7 @@ def test_a_lamp_is_fitted():
 
 @pytest.mark.parametrize(("name", "exponent"), [("rab_5.ies", 1.3), ("rab_7.ies", 2.2), ("ledvance_sym_30.ldt", 14.4)])
 def test_real_lamps_are_like_a_spot(name, exponent):
-    found = ds.as_spot(ds.read_lamp(measured("lamps") / name))
+    found = ds.lamps.as_spot(ds.lamps.read_lamp(measured("lamps") / name))
     assert found.fits
     assert abs(float(found.light.exponent) / exponent - 1) < 0.02
     assert f"cos^{float(found.light.exponent):.3g} with a cutoff of 90 degrees" in str(found)

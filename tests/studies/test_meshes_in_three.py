@@ -23,12 +23,12 @@ def test_three_js_shows_the_maps(tmp_path):
     item = maps.scene.objects[0]
     glowing = dataclasses.replace(item, material=dataclasses.replace(item.material, k_e=(0.05, 0.02, 0.0)))
     maps = dataclasses.replace(maps, scene=dataclasses.replace(maps.scene, objects=(glowing,)))
-    meshes = {"": ds.height_mesh(heights), "small_": ds.height_mesh(heights, tolerance=0.004)}
+    meshes = {"": ds.heights.height_mesh(heights), "small_": ds.heights.height_mesh(heights, tolerance=0.004)}
     assert len(meshes["small_"].face) < 0.5 * len(meshes[""].face)
     stated = {}
     for start, mesh in meshes.items():
         for name in ("a.glb", "b.gltf", "c.obj", "d.json"):
-            stated[f"{start}{name}"] = ds.write_mesh(tmp_path / f"{start}{name}", mesh, maps=maps).difference
+            stated[f"{start}{name}"] = ds.exchange.write_mesh(tmp_path / f"{start}{name}", mesh, maps=maps).difference
     height, width = maps.status.shape
     cases = {
         "files": list(stated),

@@ -31,7 +31,7 @@ def test_a_mesh_renders_as_the_sphere_does(tmp_path):
     light = ds.PointLight((2, 3, 4), 2)
     images = [
         np.asarray(ds.render(ds.Scene(ds.Object(surface, material), light), camera))
-        for surface in (ds.read_mesh(str(tmp_path / "ball.ply"), camera), ds.Sphere((0.1, 0.2, -0.1)))
+        for surface in (ds.exchange.read_mesh(str(tmp_path / "ball.ply"), camera), ds.Sphere((0.1, 0.2, -0.1)))
     ]
     both = np.all(images, (0, -1))
     assert both.sum() > 1000

@@ -89,9 +89,11 @@ def smooth_pixels(image, flat):
 def brightness(name):
     """The numbers of a scene and its camera, flat and as a tree, and of the former a sum over the smooth pixels."""
     free = jax.tree.map(
-        lambda leaf: not isinstance(leaf, ds.Profile) and leaf.dtype != bool,  # a lamp's table is measured, not fitted
+        lambda leaf: (
+            not isinstance(leaf, ds.lamps.Profile) and leaf.dtype != bool
+        ),  # a lamp's table is measured, not fitted
         SCENES[name],
-        is_leaf=lambda node: isinstance(node, ds.Profile),
+        is_leaf=lambda node: isinstance(node, ds.lamps.Profile),
     )
     numbers, rest = eqx.partition(SCENES[name], free)
     flat, unravel = ravel_pytree(numbers)
@@ -171,10 +173,10 @@ AREA = ds.AreaLight(
     (-1.2, 2.3, 1), (1, 0.1, 0.3), (0.2, -0.3, 1.1), (5, 6, 7), exponent=1.5, attenuation=ATTENUATION, samples=(2, 1)
 )
 FLAPS = ds.Flaps(-0.7, 0.9, -0.9, 0.7, 0.1, 1.4, softness=0.9)
-MEASURED = ds.MeasuredLight(
+MEASURED = ds.lamps.MeasuredLight(
     (-1, 1.7, 2.2),
     (0.4, -0.9, -1.3),
-    ds.Profile((0, 25, 60, 110, 180), (0, 100, 220, 360), [[3, 2.5, 1, 0.4, 0], [3, 2, 1.5, 0.2, 0]] * 2),
+    ds.lamps.Profile((0, 25, 60, 110, 180), (0, 100, 220, 360), [[3, 2.5, 1, 0.4, 0], [3, 2, 1.5, 0.2, 0]] * 2),
     (2, 3, 4),
     ATTENUATION,
     side=(1, 0.3, 0.1),

@@ -45,7 +45,7 @@ def shown(path, points):
         return MetallicRoughness(pbr["roughnessFactor"], base, head_on, specular["specularFactor"]).reflected(points)
     if path.suffix == ".inc":
         return _povray(text, points)
-    return radiance(ds.read_material(path), points)  # OpenGL, MTL and VTK compute this library's own terms
+    return radiance(ds.exchange.read_material(path), points)  # OpenGL, MTL and VTK compute this library's own terms
 
 
 def _three(text, points, suffix):

@@ -6,7 +6,7 @@ import diffshade as ds
 from diffshade.texels.maps import SharedHighlight
 
 
-def bumpy(size: int, *, shared: bool = False) -> tuple[ds.TexelMaps, ds.HeightMap]:
+def bumpy(size: int, *, shared: bool = False) -> tuple[ds.TexelMaps, ds.heights.HeightMap]:
     """Return the maps of a ball with bumps, of two colours and a highlight, and its heights."""
     camera = ds.OrthographicCamera((0, 0, 4), height=2.2, shape=(size, size + 6), local_viewer=False)
     pixel = 2.2 / size
@@ -29,4 +29,4 @@ def bumpy(size: int, *, shared: bool = False) -> tuple[ds.TexelMaps, ds.HeightMa
     maps = ds.TexelMaps(
         values, errors, mask.astype(np.uint8), 0.0 * x.astype(np.float32), scene, camera, (), {}, highlights
     )
-    return maps, ds.integrate_normals(values["normal"], camera, mask=mask, errors=np.where(mask, 0.1, np.inf))
+    return maps, ds.heights.integrate_normals(values["normal"], camera, mask=mask, errors=np.where(mask, 0.1, np.inf))

@@ -73,17 +73,17 @@ def _unshaped(path: Path) -> None:
 
 def _mesh(path: Path) -> None:
     """Read a mesh in parts: where there is one, its numbers are sound."""
-    for part in ds.read_mesh_parts(path, CAMERA).values():
+    for part in ds.exchange.read_mesh_parts(path, CAMERA).values():
         assert np.isfinite(np.asarray(part.normal)).all()
         assert np.isfinite(np.asarray(part.position)).all()
-    ds.read_mesh(path, None)
+    ds.exchange.read_mesh(path, None)
 
 
 MESHES = ("a.obj", "b.obj", "a.ply", "b.ply", "c.ply", "a.stl", "b.stl", "a.glb", "b.glb", "a.gltf", "a.off")
 TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
-    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf", ".glb"), (ds.read_materials,)),
-    ".c": (ds.read_material, ds.read_lights),
-    **dict.fromkeys((".ies", ".ldt"), (ds.read_lamp,)),
+    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf", ".glb"), (ds.exchange.read_materials,)),
+    ".c": (ds.exchange.read_material, ds.exchange.read_lights),
+    **dict.fromkeys((".ies", ".ldt"), (ds.lamps.read_lamp,)),
     ".toml": (ds.read_scene, ds.read_camera),
 }
 # A file in the folder that `write_good` writes, and what reads it, or the folder it is in.
@@ -96,9 +96,9 @@ OTHERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     **dict.fromkeys(("a.zarr/zarr.json", "b.zarr/.zarray", "b.zarr/0.0"), (lambda path: first_rows(path.parent),)),
     **dict.fromkeys(("ball/filenames.txt", "ball/light_directions.txt", "ball/normal_gt.npy"), (_folder,)),
     "list/dirs.lp": (_unshaped,),
-    "m.glb": (ds.read_materials,),
+    "m.glb": (ds.exchange.read_materials,),
     **dict.fromkeys(("mat/Normal_gt.mat", "text/normal.txt"), (_folder,)),
-    **dict.fromkeys(("rgb.ptm", "lrgb.ptm", "a.rti", "b.rti"), (ds.read_rti,)),
+    **dict.fromkeys(("rgb.ptm", "lrgb.ptm", "a.rti", "b.rti"), (ds.exchange.read_rti,)),
     "maps/maps.toml": (lambda path: ds.read_maps(path.parent),),
     "maps/k_d.npy": (lambda path: ds.read_maps(path.parent),),
     "maps/scene.toml": (lambda path: ds.read_maps(path.parent),),
@@ -112,7 +112,7 @@ def good_texts(folder: Path) -> dict[str, bytes]:
     files = {".toml": SCENE, ".ies": ies([0], row), ".ldt": ldt(4, 16, beam(C[:, None], VERTICAL, about=(0, 90)))}
     for suffix in (".mtl", ".c", ".py", ".inc", ".json", ".js", ".gltf"):
         lights = ds.SpotLight((0, 0, 1), (0, 0, -1)) if suffix == ".c" else ()
-        files[suffix] = ds.write_material(folder / f"good{suffix}", PLAIN, lights=lights).path.read_text()
+        files[suffix] = ds.exchange.write_material(folder / f"good{suffix}", PLAIN, lights=lights).path.read_text()
     return {suffix: text.encode() for suffix, text in files.items()} | {".glb": glb(files[".gltf"].encode())}
 
 
@@ -179,7 +179,7 @@ def write_good(folder: Path) -> None:
     camera = ds.OrthographicCamera((0, 0, 4), shape=(6, 7))
     maps = ds.TexelMaps(k_d, k_d, np.ones((6, 7), np.uint8), image[..., 0].astype(np.float32), scene, camera)
     maps.write(folder / "maps", suffix=".npy")
-    text = ds.write_material(folder / "m.gltf", PLAIN).path.read_bytes()
+    text = ds.exchange.write_material(folder / "m.gltf", PLAIN).path.read_bytes()
     text += b" " * (-len(text) % 4)
     chunk = struct.pack("<I4s", len(text), b"JSON") + text
     (folder / "m.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk)

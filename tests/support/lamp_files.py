@@ -4,12 +4,14 @@ import numpy as np
 
 import diffshade as ds
 
-TABLE = ds.Profile(
+TABLE = ds.lamps.Profile(
     [0, 20, 50, 90, 130],
     [0, 45, 180, 360],
     [[1, 0.9, 0.5, 0.2, 0], [1, 0.7, 0.6, 0.1, 0], [1, 0.8, 0.2, 0.1, 0], [1, 0.9, 0.5, 0.2, 0]],
 )
-LAMP = ds.MeasuredLight((0.3, 2, 0.4), (0.1, -1, 0.2), TABLE, (4, 2, 1), ds.RadialAttenuation(0.2, 0.1, 1), (1, 0.2, 0))
+LAMP = ds.lamps.MeasuredLight(
+    (0.3, 2, 0.4), (0.1, -1, 0.2), TABLE, (4, 2, 1), ds.RadialAttenuation(0.2, 0.1, 1), (1, 0.2, 0)
+)
 VERTICAL = np.array([0.0, 10, 25, 45, 70, 90])
 
 

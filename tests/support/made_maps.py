@@ -17,7 +17,7 @@ LAMPS = (
 )
 
 
-def bumpy(*, regions: bool = False) -> tuple[ds.TexelMaps, ds.HeightMap, list[ds.View]]:
+def bumpy(*, regions: bool = False) -> tuple[ds.TexelMaps, ds.heights.HeightMap, list[ds.View]]:
     """A relief with a shared highlight, or two, and light beyond the model; its heights; photographs of it."""
     random = np.random.default_rng(3)
     camera = ds.OrthographicCamera((0.0, 0.0, 1.0), shape=SHAPE, local_viewer=False)
@@ -44,7 +44,9 @@ def bumpy(*, regions: bool = False) -> tuple[ds.TexelMaps, ds.HeightMap, list[ds
     )
     views = [ds.View(maps.shade(lit=i), camera, inside, lit=(i,), exposure=1.0 + 0.2 * i) for i in range(6)]
     part, none = np.where(inside, 0, -1), np.zeros(SHAPE, bool)
-    heights = ds.HeightMap(np.where(inside, height, 0.0), np.full(SHAPE, 0.01), part, none, none, normal, camera)
+    heights = ds.heights.HeightMap(
+        np.where(inside, height, 0.0), np.full(SHAPE, 0.01), part, none, none, normal, camera
+    )
     return maps, heights, views
 
 

@@ -82,7 +82,7 @@ class Given:
     other: ds.Fit | None = None
     maps: ds.TexelMaps | None = None
     shot: ds.Shot | None = None
-    lamp: ds.MeasuredLight | None = None
+    lamp: ds.lamps.MeasuredLight | None = None
 
 
 def given() -> Given:
@@ -103,7 +103,7 @@ def given() -> Given:
         far_camera,
         tuple(ds.View(image, far_camera, lit=i) for i, image in enumerate(FAR_IMAGES)),
         shot=ds.Shot(light=ds.PointLight((0.3, 0.1, 3.1)), camera=eye),
-        lamp=ds.MeasuredLight((2, 3, 4), (-2, -3, -4), ds.Profile([0, 45, 90], [0], [[1, 0.6, 0]]), 3.3),
+        lamp=ds.lamps.MeasuredLight((2, 3, 4), (-2, -3, -4), ds.lamps.Profile([0, 45, 90], [0], [[1, 0.6, 0]]), 3.3),
     )
 
 
@@ -182,7 +182,7 @@ def _mesh(h: Given) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mesh.obj"
         path.write_text(corners)
-        seen = ds.read_mesh(path, h.camera, smooth=False)
+        seen = ds.exchange.read_mesh(path, h.camera, smooth=False)
         return seen.normal, seen.position
 
 
@@ -202,12 +202,12 @@ def _normals(h: Given) -> tuple[np.ndarray, ds.Camera]:
 
 def _calibrate(ball: str, h: Given) -> Any:
     inside = np.asarray(ds.intersect(h.far, h.far_camera).mask)
-    found = ds.calibrate(list(FAR_IMAGES[:2]), ball=ball, mask=inside)
+    found = ds.lights.calibrate(list(FAR_IMAGES[:2]), ball=ball, mask=inside)
     return [light.direction for light in found.scene.lights]  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _calibrated(h: Given) -> Any:
-    found = ds.calibrate(IMAGES[:1], ball="glossy", mask=np.asarray(h.gbuffer.mask), camera=h.camera)
+    found = ds.lights.calibrate(IMAGES[:1], ball="glossy", mask=np.asarray(h.gbuffer.mask), camera=h.camera)
     return [light.direction for light in found.scene.lights]  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -221,7 +221,7 @@ def _in_float64(work: Callable[[Given], Any]) -> Callable[[Given], Any]:
 
 def _spot(h: Given) -> Any:
     assert h.lamp is not None
-    return ds.as_spot(h.lamp).light.exponent
+    return ds.lamps.as_spot(h.lamp).light.exponent
 
 
 def _buffer(g: ds.GBuffer) -> Any:
@@ -250,17 +250,17 @@ FUNCTIONS: dict[str, Callable[[Given], Any]] = {
     "fit of some pixels": lambda h: _fit(h.scene, h.views, memory=1e5),
     "fit on a mesh": lambda h: _fit(h.scene, h.views, mesh=jax.make_mesh((1,), ("a",))),
     "fit_texels": _texels,
-    "integrate_normals": lambda h: (m := ds.integrate_normals(*_normals(h)), m.height, m.position)[1:],
+    "integrate_normals": lambda h: (m := ds.heights.integrate_normals(*_normals(h)), m.height, m.position)[1:],
     "forecast": lambda h: ds.forecast(h.scene, h.views, free=FREE).errors,
     "forecast a G-buffer": lambda h: ds.forecast(h.shaded, h.seen, free=FREE).errors,
     "calibrate, matte": lambda h: _calibrate("matte", h),
     "calibrate, glossy": lambda h: _calibrate("glossy", h),
     "calibrate with a camera": _calibrated,
-    "with_lobe": lambda h: ds.with_lobe(h.scene.objects[0].material, ds.Blinn()).material.n_s,
+    "with_lobe": lambda h: ds.exchange.with_lobe(h.scene.objects[0].material, ds.Blinn()).material.n_s,
     "as_spot": _spot,
     **{
         f"write_material, {name}": lambda h, name=name: _written(
-            lambda path: ds.write_material(path, h.scene.objects[0].material), name
+            lambda path: ds.exchange.write_material(path, h.scene.objects[0].material), name
         )
         for name in ("m.mtl", "m.json", "m.gltf")
     },

@@ -134,7 +134,7 @@ def stepped(height: float, where: float = 0.0, angle: float = 0.0, end: float = 
     return surface
 
 
-def off(found: ds.HeightMap, relief: Relief) -> np.ndarray:
+def off(found: ds.heights.HeightMap, relief: Relief) -> np.ndarray:
     """By how much the heights of the mask are off in the gauge of the map, which is that of each part."""
     part = found.part[found.mask]
     z = relief.z[found.mask]
@@ -146,11 +146,11 @@ def off(found: ds.HeightMap, relief: Relief) -> np.ndarray:
     return found.height[found.mask] - truth
 
 
-def relative(found: ds.HeightMap, relief: Relief) -> float:
+def relative(found: ds.heights.HeightMap, relief: Relief) -> float:
     """Root mean square error of the heights, in the range of the true ones."""
     return float(np.sqrt(np.mean(off(found, relief) ** 2)) / np.ptp(relief.z[found.mask]))
 
 
-def covered(found: ds.HeightMap, relief: Relief) -> float:
+def covered(found: ds.heights.HeightMap, relief: Relief) -> float:
     """Share of the texels whose true height is within the 95 % interval."""
     return float(np.mean(np.abs(off(found, relief)) < 1.96 * found.errors[found.mask]))

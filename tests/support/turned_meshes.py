@@ -33,7 +33,7 @@ def true_surface(of: Relief) -> Triangles:
     )
 
 
-def coverage(mesh: ds.HeightMesh, truth: Triangles, *, degrees: float = 50.0, rays: int = 300) -> Coverage:
+def coverage(mesh: ds.heights.HeightMesh, truth: Triangles, *, degrees: float = 50.0, rays: int = 300) -> Coverage:
     """Both turned to the left, right, up and down; the mesh is moved to the heights of the truth first."""
     true, found = truth.used()[0], Triangles(mesh.corner, mesh.face)
     across, up = (np.ravel(of) for of in np.meshgrid(*2 * [np.linspace(-1.6, 1.6, rays)]))

@@ -74,7 +74,7 @@ def shot(tmp_path_factory) -> Path:
     ds.write_image(here / "half_ball.png", (ball & (np.indices((24, 24))[0] < 12))[..., None] * 1.0)
     ds.write_image(here / "cut.png", images[1].clip(0.0, 1.0))
     (here / "cut.png").write_bytes((here / "cut.png").read_bytes()[:300])
-    ds.write_material(here / "gold.mtl", ds.material("gold"), name="gold")
+    ds.exchange.write_material(here / "gold.mtl", ds.material("gold"), name="gold")
     return here
 
 
@@ -293,7 +293,7 @@ def test_a_fit_prints_its_table_and_writes_scene_and_materials(typed):
     fitted = ds.read_scene("fitted.toml")
     assert fitted.objects[0].material.n_s == pytest.approx(found["n_s"])
     assert len(fitted.lights) == 8
-    np.testing.assert_allclose(ds.read_material("ball.mtl").k_d, fitted.objects[0].material.k_d)
+    np.testing.assert_allclose(ds.exchange.read_material("ball.mtl").k_d, fitted.objects[0].material.k_d)
 
 
 class Stopped(ValueError):
@@ -534,7 +534,7 @@ def test_materials_are_converted(typed):
     assert done.status == 0
     assert "gold.gltf: the highlight" in done.out
     for name in ("gold.toml", "gold.c"):
-        np.testing.assert_allclose(ds.read_material(name).k_s, ds.material("gold").k_s, rtol=1e-6)
+        np.testing.assert_allclose(ds.exchange.read_material(name).k_s, ds.material("gold").k_s, rtol=1e-6)
 
 
 def test_all_materials_of_a_file_are_converted(typed):
@@ -545,7 +545,7 @@ def test_all_materials_of_a_file_are_converted(typed):
     assert done.status == 0
     for name in wanted:
         assert f"{name}: 4 materials" in done.out
-        again = ds.read_materials(name)
+        again = ds.exchange.read_materials(name)
         assert [name.replace("_", ".") for name in again] == [f"Material.{i:03}" for i in range(4)]
         np.testing.assert_allclose([one.k_d[2] for one in again.values()], [0, 0.25, 0.5, 0.75], atol=0.01)
     assert "# Material_003 is 'Material.003'" in Path("four.toml").read_text()

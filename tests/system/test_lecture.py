@@ -80,26 +80,28 @@ def test_half_of_white_is_as_bright_as_the_stripes():
 
 @pytest.mark.thorough
 def test_only_some(tmp_path):
-    paths = ds.write_figures(str(tmp_path), only=("visibility", "cosine_powers"))
+    paths = ds.lecture.write_figures(str(tmp_path), only=("visibility", "cosine_powers"))
     assert [path.name for path in paths] == ["06_cosine_powers.png", "29_visibility.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["06_cosine_powers.png", "29_visibility.png"]
-    assert ds.write_figures(tmp_path / "one", only="cosine_powers") == (tmp_path / "one" / "06_cosine_powers.png",)
+    assert ds.lecture.write_figures(tmp_path / "one", only="cosine_powers") == (
+        tmp_path / "one" / "06_cosine_powers.png",
+    )
 
 
 def test_an_unknown_name_or_a_file_is_one_sentence_and_writes_nothing(tmp_path):
     with pytest.raises(ValueError, match=r"no figure is named 'snel'. Did you mean 'snell'\?"):
-        ds.write_figures(tmp_path / "out", only=("lobes", "snel"))
+        ds.lecture.write_figures(tmp_path / "out", only=("lobes", "snel"))
     with pytest.raises(ValueError, match=r"no figure is named 'zzz'. Known names: ambient_and_diffuse, "):
         draw_figure("zzz")
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").write_text("kept")
     with pytest.raises(NotADirectoryError, match="it is not a folder"):
-        ds.write_figures(tmp_path / "file", only="cosine_powers")
+        ds.lecture.write_figures(tmp_path / "file", only="cosine_powers")
     assert (tmp_path / "file").read_text() == "kept"
 
 
 def test_a_figure_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
-    (old,) = ds.write_figures(tmp_path, only="cosine_powers")
+    (old,) = ds.lecture.write_figures(tmp_path, only="cosine_powers")
     before = old.read_bytes()
 
     def fail(figure, path):
@@ -108,6 +110,6 @@ def test_a_figure_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Figure, "savefig", fail)
     with pytest.raises(KeyboardInterrupt):
-        ds.write_figures(tmp_path, only="cosine_powers")
+        ds.lecture.write_figures(tmp_path, only="cosine_powers")
     assert old.read_bytes() == before
     assert list(tmp_path.iterdir()) == [old]

@@ -203,7 +203,7 @@ OTHER = ds.OrthographicCamera((0, 0, 1), shape=(8, 8))
 REFUSED = {
     "a view of another shape": ({"views": [ds.View(np.zeros((8, 8, 3)), OTHER)]}, r"views\[0\].*\(40, 56\).*\(8, 8\)"),
     "heights of another shape": (
-        {"heights": ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (8, 8, 3)), OTHER)},
+        {"heights": ds.heights.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (8, 8, 3)), OTHER)},
         r"heights.*\(40, 56\)",
     ),
     "titles of other views": ({"titles": ["one"]}, "titles.*got 1"),

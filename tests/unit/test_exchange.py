@@ -54,10 +54,10 @@ def assert_same(one, other, tolerance=1e-6):
 @pytest.mark.parametrize("case", SAME)
 def test_formats_of_the_same_lobe_keep_a_material(case, tmp_path):
     suffix, material = SAME[case]
-    written = ds.write_material(tmp_path / f"ball{suffix}", material)
+    written = ds.exchange.write_material(tmp_path / f"ball{suffix}", material)
     assert (written.rms, written.largest) == (0, 0)
     assert "written exactly" in str(written)
-    found = ds.read_material(written.path)
+    found = ds.exchange.read_material(written.path)
     if not np.any(material.k_s):  # MTL says illum 1, and no exponent then matters
         material = dataclasses.replace(material, n_s=found.n_s)
     assert_same(found, material)
@@ -78,14 +78,14 @@ REFITTED = {
 @pytest.mark.parametrize("case", REFITTED)
 def test_what_is_refitted_states_its_error(case, tmp_path, caplog):
     suffix, material = REFITTED[case]
-    written = ds.write_material(tmp_path / f"ball{suffix}", material)
+    written = ds.exchange.write_material(tmp_path / f"ball{suffix}", material)
     assert 0 < written.rms < written.largest
     stated = re.search(r"the radiance differs by ([\d.e-]+) \(rms\) and ([\d.e-]+) \(at most\)", str(written))
     assert stated
     np.testing.assert_allclose([float(x) for x in stated.groups()], [written.rms, written.largest], rtol=0.05)
     assert stated.group() in written.path.read_text()
     with caplog.at_level(logging.WARNING):
-        found = ds.read_material(written.path)
+        found = ds.exchange.read_material(written.path)
     if suffix in (".mtl", ".c", ".py"):  # what was written is of this library's own lobes
         points = reference_of(material)
         again = differences(radiance(material, points), radiance(found, points))
@@ -100,11 +100,11 @@ def test_what_is_refitted_states_its_error(case, tmp_path, caplog):
 def test_phong_becomes_blinn_and_back(n_s):
     """About 4 n_s, less where the highlight is wide; the way back finds the exponent again."""
     phong = ds.Material(0.1, 0.5, (0.8, 0.4, 0.2), n_s)
-    blinn = ds.with_lobe(phong, ds.Blinn())
+    blinn = ds.exchange.with_lobe(phong, ds.Blinn())
     assert isinstance(blinn.material.lobe, ds.Blinn)
     assert 3.5 * n_s < blinn.material.n_s < (4.3 * n_s if n_s > 1 else 9 * n_s)
     np.testing.assert_allclose(np.asarray(blinn.material.k_s) / np.asarray(phong.k_s), blinn.material.k_s[0] / 0.8)
-    back = ds.with_lobe(blinn.material, ds.Phong())
+    back = ds.exchange.with_lobe(blinn.material, ds.Phong())
     np.testing.assert_allclose(back.material.n_s, n_s, rtol=0.02 if n_s > 1 else 0.6)
     assert 0 < blinn.rms < blinn.largest
     assert str(blinn).startswith(f"the highlight, Phong with n_s {n_s:g}, becomes Blinn with n_s")
@@ -116,20 +116,20 @@ def test_phong_becomes_blinn_and_back(n_s):
 
 
 def test_what_is_within_the_limits_is_left_alone_and_what_is_not_is_refitted():
-    refit = ds.with_lobe(PHONG, ds.Phong(), highest_n_s=40, highest_k=0.7)
+    refit = ds.exchange.with_lobe(PHONG, ds.Phong(), highest_n_s=40, highest_k=0.7)
     assert (refit.rms, refit.largest, str(refit)) == (0, 0, "the highlight is unchanged.")
     assert_same(refit.material, PHONG, 0)
-    same = ds.with_lobe(dataclasses.replace(PHONG, n_s=(40, 40, 40)), ds.Phong())
+    same = ds.exchange.with_lobe(dataclasses.replace(PHONG, n_s=(40, 40, 40)), ds.Phong())
     assert float(same.material.n_s) == 40
-    schlick = ds.with_lobe(ds.Material(0, 0.4, 0.04, 60, fresnel=ds.Schlick()), ds.Phong())
+    schlick = ds.exchange.with_lobe(ds.Material(0, 0.4, 0.04, 60, fresnel=ds.Schlick()), ds.Phong())
     assert isinstance(schlick.material.fresnel, ds.NoFresnel)
     assert "Schlick's weight" in str(schlick)
     assert 0 < schlick.rms < 1e-3
-    tinted = ds.with_lobe(dataclasses.replace(PHONG, n_s=(20, 40, 80)), ds.Phong())
+    tinted = ds.exchange.with_lobe(dataclasses.replace(PHONG, n_s=(20, 40, 80)), ds.Phong())
     assert 20 < float(tinted.material.n_s) < 80
     assert "n_s 20, 40, 80" in str(tinted)
     for limits in ({"highest_n_s": 39}, {"highest_k": 0.69}):
-        less = ds.with_lobe(PHONG, ds.Phong(), **limits)
+        less = ds.exchange.with_lobe(PHONG, ds.Phong(), **limits)
         assert less.material.n_s <= limits.get("highest_n_s", 1e5)
         assert np.max(less.material.k_d) <= limits.get("highest_k", 1)
         assert less.rms > 0
@@ -173,25 +173,27 @@ def test_ggx_keeps_light():
 
 
 def test_vtk_says_what_its_ambient_term_loses(tmp_path):
-    written = ds.write_material(tmp_path / "a.py", dataclasses.replace(UNLIT, k_a=(0.8, 0.5, 0.1), k_e=(0.5, 0.1, 0)))
+    written = ds.exchange.write_material(
+        tmp_path / "a.py", dataclasses.replace(UNLIT, k_a=(0.8, 0.5, 0.1), k_e=(0.5, 0.1, 0))
+    )
     assert "VTK clamps the ambient term at 1" in str(written)
     assert "k_e is added to k_a" in str(written)
     np.testing.assert_allclose([written.rms, written.largest], [0.3 / np.sqrt(3), 0.3], rtol=1e-12)
-    np.testing.assert_allclose(ds.read_material(written.path).k_a, (1, 0.6, 0.1), rtol=1e-12)
+    np.testing.assert_allclose(ds.exchange.read_material(written.path).k_a, (1, 0.6, 0.1), rtol=1e-12)
 
 
 def test_several_materials_in_one_mtl(tmp_path):
     many = {"gold": ds.material("gold"), "emerald": ds.material("emerald"), "ball.1": PHONG}
-    written = ds.write_material(tmp_path / "a.mtl", many)
+    written = ds.exchange.write_material(tmp_path / "a.mtl", many)
     assert [note.split(":")[0] for note in written.notes] == ["ball.1"]
-    found = ds.read_materials(tmp_path / "a.mtl")
+    found = ds.exchange.read_materials(tmp_path / "a.mtl")
     assert list(found) == list(many)
     assert_same(found["gold"], many["gold"])
-    assert_same(ds.read_material(tmp_path / "a.mtl", name="emerald"), many["emerald"])
+    assert_same(ds.exchange.read_material(tmp_path / "a.mtl", name="emerald"), many["emerald"])
     with pytest.raises(ValueError, match=r"has no material 'emrald'\. Did you mean 'emerald'\?"):
-        ds.read_material(tmp_path / "a.mtl", name="emrald")
+        ds.exchange.read_material(tmp_path / "a.mtl", name="emrald")
     with pytest.raises(ValueError, match=r"holds 3 materials\. Name one, for example name='gold'"):
-        ds.read_material(tmp_path / "a.mtl")
+        ds.exchange.read_material(tmp_path / "a.mtl")
 
 
 def test_an_mtl_by_hand(tmp_path, caplog):
@@ -200,7 +202,7 @@ def test_an_mtl_by_hand(tmp_path, caplog):
     )
     (tmp_path / "a.mtl").write_text(text + "newmtl flat\nillum 0\nKd 1 0 0\nd -halo 1\nTf 1 1 1\n")
     with caplog.at_level(logging.WARNING):
-        found = ds.read_materials(tmp_path / "a.mtl")
+        found = ds.exchange.read_materials(tmp_path / "a.mtl")
     assert "'a b': texture maps are not read, only colours: 'map_Kd'." in caplog.text
     assert "'a b': illum 1 has no highlight; Ks is not read." in caplog.text
     assert "'flat': -halo makes the middle of a surface clearer" in caplog.text
@@ -217,8 +219,8 @@ LIGHTS = (
 
 
 def test_opengl_lights_are_read_again(tmp_path):
-    ds.write_material(tmp_path / "a.c", BLINN, lights=LIGHTS)
-    found = ds.read_lights(tmp_path / "a.c")
+    ds.exchange.write_material(tmp_path / "a.c", BLINN, lights=LIGHTS)
+    found = ds.exchange.read_lights(tmp_path / "a.c")
     assert [type(light) for light in found] == [type(light) for light in LIGHTS]
     assert isinstance(found[1], ds.DirectionalLight)
     np.testing.assert_allclose(found[1].direction, np.array([1, -2, -2]) / 3)
@@ -229,7 +231,7 @@ def test_what_no_call_of_gllight_sets_has_opengls_default(tmp_path):
     code = "glLightfv(GL_LIGHT{}, GL_DIFFUSE, (GLfloat[]){{ 0.5, 0.5, 0.5, 1 }});"
     (tmp_path / "a.c").write_text("\n".join(code.format(i) for i in (0, 1)))
     expected = [ds.DirectionalLight((0, 0, -1), 0.5, specular=white) for white in (1, 0)]
-    jax.tree.map(np.testing.assert_array_equal, list(ds.read_lights(tmp_path / "a.c")), expected)
+    jax.tree.map(np.testing.assert_array_equal, list(ds.exchange.read_lights(tmp_path / "a.c")), expected)
 
 
 def test_opengl_and_vtk_by_hand(tmp_path):
@@ -241,12 +243,12 @@ def test_opengl_and_vtk_by_hand(tmp_path):
     """
     (tmp_path / "a.c").write_text(code)
     assert_same(
-        ds.read_material(tmp_path / "a.c"),
+        ds.exchange.read_material(tmp_path / "a.c"),
         ds.Material((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (1, 0.5, 0.25), 50, ds.Blinn()),
     )
     code = "p = actor.GetProperty()\np.SetDiffuse(0.5)\np.SetDiffuseColor(1, 0.5, 0)\np.SetSpecular(3)\n"
     (tmp_path / "a.py").write_text(code)
-    assert_same(ds.read_material(tmp_path / "a.py"), ds.Material(0, (0.5, 0.25, 0), 1, 1))
+    assert_same(ds.exchange.read_material(tmp_path / "a.py"), ds.Material(0, (0.5, 0.25, 0), 1, 1))
 
 
 LOST = {
@@ -261,7 +263,7 @@ LOST = {
 @pytest.mark.parametrize("suffix", LOST)
 def test_what_is_lost_is_said(suffix, tmp_path):
     glass = dataclasses.replace(PHONG, k_e=0, k_t=(0.9, 0.6, 0.3), eta=1.5)
-    written = ds.write_material(tmp_path / f"a{suffix}", glass, lights=LIGHTS)
+    written = ds.exchange.write_material(tmp_path / f"a{suffix}", glass, lights=LIGHTS)
     assert LOST[suffix] in str(written)
     assert LOST[suffix] in written.path.read_text().replace("\\n", " ")
     if suffix != ".c":
@@ -271,19 +273,21 @@ def test_what_is_lost_is_said(suffix, tmp_path):
 def test_opengl_says_what_of_a_light_it_lacks(tmp_path):
     fades = ds.RadialAttenuation(0, 0, 1, clamp=True)
     spot = ds.SpotLight((0, 0, 1), (0, 0, -1), 1, 30, 200, fades, softness=10, flaps=ds.Flaps(x_min=0))
-    said = str(ds.write_material(tmp_path / "a.c", BLINN, lights=spot))
+    said = str(ds.exchange.write_material(tmp_path / "a.c", BLINN, lights=spot))
     assert "OpenGL does not clamp attenuation at 1, as lights[0] does." in said
     assert "softness of lights[0] is not written" in said
     assert "OpenGL has no flaps: those of lights[0] are not written." in said
     assert "the exponent of lights[0], 200, is written as 128" in said
     absorbed = ds.PointLight((0, 0, 1), attenuation=own_parts.HazyAttenuation(0.2))
     with pytest.raises(ValueError, match=r"no HazyAttenuation, as lights\[0\] has.*fit_falloff"):
-        ds.write_material(tmp_path / "b.c", BLINN, lights=absorbed)
+        ds.exchange.write_material(tmp_path / "b.c", BLINN, lights=absorbed)
     assert not (tmp_path / "b.c").exists()
 
 
 def test_gltf_is_what_the_specification_wants(tmp_path):
-    written = ds.write_material(tmp_path / "a.gltf", dataclasses.replace(BLINN, k_e=2.0, k_t=0.25), name="ball")
+    written = ds.exchange.write_material(
+        tmp_path / "a.gltf", dataclasses.replace(BLINN, k_e=2.0, k_t=0.25), name="ball"
+    )
     document = json.loads(written.path.read_text())
     (found,) = document["materials"]
     assert document["asset"]["version"] == "2.0"
@@ -324,7 +328,7 @@ WRONG = [
 @pytest.mark.parametrize(("file", "material", "options", "message"), WRONG)
 def test_nothing_is_written_where_something_is_wrong(tmp_path, file, material, options, message):
     with pytest.raises((ValueError, TypeError), match=re.escape(message)) as caught:
-        ds.write_material(tmp_path / file, material, **options)
+        ds.exchange.write_material(tmp_path / file, material, **options)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
@@ -372,7 +376,7 @@ BAD = [
 def test_a_bad_file_is_refused_in_one_sentence(file, text, message, tmp_path):
     (tmp_path / file).write_text(text)
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
-        ds.read_material(tmp_path / file)
+        ds.exchange.read_material(tmp_path / file)
     assert "\n" not in str(caught.value)
 
 
@@ -387,29 +391,29 @@ def test_the_highlights_of_three_js_are_those_of_its_shader():
 
 def test_a_shininess_below_1_is_read(tmp_path):
     (tmp_path / "a.json").write_text('{"type": "MeshPhongMaterial", "color": 255, "specular": 65793, "shininess": 0.5}')
-    assert 0 < float(ds.read_material(tmp_path / "a.json").n_s) < 5
+    assert 0 < float(ds.exchange.read_material(tmp_path / "a.json").n_s) < 5
 
 
 def test_lights_are_read_from_c_alone(tmp_path):
     with pytest.raises(ValueError, match=r"lights are read from C code; got '\.mtl'"):
-        ds.read_lights(tmp_path / "a.mtl")
+        ds.exchange.read_lights(tmp_path / "a.mtl")
     with pytest.raises(FileNotFoundError, match="there is no C file"):
-        ds.read_lights(tmp_path / "a.c")
+        ds.exchange.read_lights(tmp_path / "a.c")
 
 
 def test_povray_holds_a_highlight_of_each_lobe_and_other_formats_the_nearest_one(tmp_path):
     two = ds.Material(0.1, (0.5, 0.4, 0.3), 0.3, 20, highlights=ds.Highlight(0.2, 80, ds.Blinn()))
-    exported = ds.write_material(tmp_path / "two.inc", two, name="two")
+    exported = ds.exchange.write_material(tmp_path / "two.inc", two, name="two")
     assert exported.largest == 0
     assert "phong 0.3 phong_size 20.0 specular 0.2 roughness 0.0125" in exported.path.read_text()
-    again = ds.read_material(exported.path)
+    again = ds.exchange.read_material(exported.path)
     (second,) = again.highlights
     assert (again.n_s, second.n_s) == (20, 80)
     assert (type(again.lobe), type(second.lobe)) == (ds.Phong, ds.Blinn)
     np.testing.assert_allclose(second.k_s, 0.2)
     for suffix, lobes in ((".mtl", (ds.Phong, ds.Blinn)), (".inc", (ds.Phong, ds.Phong))):
         alike = ds.Material(0.1, 0.4, 0.3, 20, lobes[0](), highlights=ds.Highlight(0.2, 80, lobes[1]()))
-        nearest = ds.write_material(tmp_path / f"near{suffix}", alike, name="near")
+        nearest = ds.exchange.write_material(tmp_path / f"near{suffix}", alike, name="near")
         assert 0 < nearest.rms < nearest.largest
         assert "1 further highlight" in " ".join(nearest.notes)
-        assert ds.read_material(nearest.path).highlights == ()
+        assert ds.exchange.read_material(nearest.path).highlights == ()

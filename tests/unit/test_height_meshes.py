@@ -25,7 +25,7 @@ pytest.importorskip("fast_simplification")
 @pytest.fixture(scope="module")
 def given():
     maps, heights = bumpy(48, shared=True)
-    return maps, heights, ds.height_mesh(heights)
+    return maps, heights, ds.heights.height_mesh(heights)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def written(given, tmp_path_factory):
     """A binary glTF with maps, and what was said of it."""
     maps, _, mesh = given
     path = tmp_path_factory.mktemp("written") / "a.glb"
-    return path, ds.write_mesh(path, mesh, maps=maps)
+    return path, ds.exchange.write_mesh(path, mesh, maps=maps)
 
 
 def angle(a, b):
@@ -51,13 +51,13 @@ def test_texels_that_nothing_joins_to_the_others_are_left_out():
     mask = np.zeros((12, 12), bool)
     mask[2:10, :6] = mask[5, 9] = True
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=mask.shape, local_viewer=False)
-    heights = ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
-    mesh = ds.height_mesh(heights)
+    heights = ds.heights.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
+    mesh = ds.heights.height_mesh(heights)
     assert len(mesh.face) == 2 * (mask.sum() - 1)
     assert np.isfinite(mesh.errors).all()
     mask[:, :6] = False  # nothing else is there
-    alone = ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
-    assert len(ds.height_mesh(alone).face) == 2
+    alone = ds.heights.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
+    assert len(ds.heights.height_mesh(alone).face) == 2
 
 
 def test_pixels_have_their_heights_and_normals(given):
@@ -83,8 +83,8 @@ def test_pixels_have_their_heights_and_normals(given):
 @pytest.mark.parametrize("perspective", [False, True])
 def test_pixels_of_a_ball_are_in_its_tangent_planes(perspective):
     ball = reliefs.sphere(48, perspective=perspective)
-    heights = ds.integrate_normals(ball.normal, ball.camera, mask=ball.mask)
-    mesh = ds.height_mesh(heights)
+    heights = ds.heights.integrate_normals(ball.normal, ball.camera, mask=ball.mask)
+    mesh = ds.heights.height_mesh(heights)
     assert len(mesh.face) == 2 * heights.mask.sum()
     assert np.median(angle(normals_of_pixels(mesh, heights.mask.sum()), ball.normal[heights.mask])) < 0.1
     grid = mesh.uv[:, ::-1] * ball.camera.shape
@@ -95,8 +95,8 @@ def test_pixels_of_a_ball_are_in_its_tangent_planes(perspective):
 def test_a_mesh_smooths_the_noise_of_normals(perspective):
     """Two degrees of noise on a ball: the squares of its pixels are nearer to the true normals."""
     ball = reliefs.sphere(40, perspective=perspective)
-    heights = ds.integrate_normals(ball.noisy(2.0), ball.camera, mask=ball.mask)
-    off = angle(normals_of_pixels(ds.height_mesh(heights), heights.mask.sum()), ball.normal[heights.mask])
+    heights = ds.heights.integrate_normals(ball.noisy(2.0), ball.camera, mask=ball.mask)
+    off = angle(normals_of_pixels(ds.heights.height_mesh(heights), heights.mask.sum()), ball.normal[heights.mask])
     assert np.median(off) < 0.92  # 1.05 where each corner is the mean of its own pixels
 
 
@@ -104,16 +104,16 @@ def test_a_mesh_smooths_the_noise_of_normals(perspective):
 def flat():
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(8, 9), local_viewer=False)
     normal = np.broadcast_to((0.0, 0.0, 1.0), (8, 9, 3))
-    return ds.integrate_normals(normal, camera, errors=np.full((8, 9), 0.1))
+    return ds.heights.integrate_normals(normal, camera, errors=np.full((8, 9), 0.1))
 
 
 def test_a_wall_closes_a_jump(flat):
-    whole = ds.height_mesh(flat)
+    whole = ds.heights.height_mesh(flat)
     assert len(whole.corner) == 9 * 10
     flat.jump_right[:, 3] = True
-    assert len(ds.height_mesh(flat).corner) == 9 * 10  # a jump of nothing
+    assert len(ds.heights.height_mesh(flat).corner) == 9 * 10  # a jump of nothing
     flat.height[:, 4:] += 0.5
-    cut = ds.height_mesh(flat)
+    cut = ds.heights.height_mesh(flat)
     assert len(cut.corner) == 9 * 11
     assert len(whole.face) == 2 * 8 * 9
     assert len(cut.face) == 2 * (8 * 9 + 8)
@@ -128,7 +128,7 @@ def test_parts_of_no_known_height_are_placed_where_their_seam_is_closed(flat):
     flat.part[:, 4:] = 1
     flat.height[:, 4:] += 0.5
     flat.height[0, 4:] += 0.2  # not at all of the seam
-    mesh = ds.height_mesh(flat)
+    mesh = ds.heights.height_mesh(flat)
     assert np.median(mesh.corner[:, 2]) == pytest.approx(0.0, abs=1e-9)
     assert np.ptp(mesh.corner[:, 2]) < 0.21
 
@@ -137,7 +137,7 @@ def test_a_watertight_mesh_is_closed_and_holds_the_volume(flat):
     flat.jump_right[2:5, 3] = flat.jump_below[3, :4] = True
     flat.height[:4, :4] += 0.25
     flat.errors[0, 0] = flat.part[0, 0] = -1
-    mesh = ds.height_mesh(flat, watertight=True)
+    mesh = ds.heights.height_mesh(flat, watertight=True)
     solid = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
     assert solid.is_watertight
     assert solid.is_winding_consistent
@@ -146,22 +146,22 @@ def test_a_watertight_mesh_is_closed_and_holds_the_volume(flat):
     assert behind < low - 0.05
     assert solid.volume == pytest.approx((flat.height[flat.mask] - behind).sum() * 0.25**2, rel=0.02)
     assert np.isinf(mesh.errors[mesh.corner[:, 2] == behind]).all()
-    assert not ds.height_mesh(flat).corner[:, 2].min() < low - 0.01
+    assert not ds.heights.height_mesh(flat).corner[:, 2].min() < low - 0.01
 
 
 def test_fewer_triangles_keep_to_the_tolerance(given):
     _, heights, whole = given
-    mesh = ds.height_mesh(heights, tolerance=0.005)
+    mesh = ds.heights.height_mesh(heights, tolerance=0.005)
     # 30 % would do where each corner is the mean of its own pixels: the moved ones follow the normals, bumps and all
     assert len(mesh.face) < 0.4 * len(whole.face)
     assert 0.0 < mesh.largest <= 0.005
     hits = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
     assert hits.area == pytest.approx(trimesh.Trimesh(whole.corner, whole.face, process=False).area, rel=0.01)
-    closed = ds.height_mesh(heights, tolerance=0.005, watertight=True)
+    closed = ds.heights.height_mesh(heights, tolerance=0.005, watertight=True)
     assert trimesh.Trimesh(closed.corner, closed.face, process=False).is_watertight
     assert 0.0 < closed.largest <= 0.005
     with pytest.raises(ValueError, match=r"tolerance must be above 0 scene units; got -1"):
-        ds.height_mesh(heights, tolerance=-1.0)
+        ds.heights.height_mesh(heights, tolerance=-1.0)
 
 
 def validated(path: Path) -> dict:
@@ -190,14 +190,14 @@ def test_gltf_is_valid(written):
 
 
 def test_a_shape_alone_is_valid_gltf(given, tmp_path):
-    ds.write_mesh(tmp_path / "b.gltf", given[2])
+    ds.exchange.write_mesh(tmp_path / "b.gltf", given[2])
     assert_valid(tmp_path / "b.gltf")
 
 
 @pytest.mark.thorough
 def test_maps_of_own_exponents_are_valid_gltf_with_pictures_beside_it(tmp_path):
     maps, heights = bumpy(48)
-    done = ds.write_mesh(tmp_path / "a.gltf", ds.height_mesh(heights), maps=maps)
+    done = ds.exchange.write_mesh(tmp_path / "a.gltf", ds.heights.height_mesh(heights), maps=maps)
     assert set(done.paths) == set(tmp_path.iterdir())
     assert_valid(tmp_path / "a.gltf")
     (material,) = json.loads((tmp_path / "a.gltf").read_text())["materials"]
@@ -234,7 +234,7 @@ def test_trimesh_reads_gltf(given, written):
 
 def test_trimesh_reads_obj(given, tmp_path):
     maps, _, mesh = given
-    done = ds.write_mesh(tmp_path / "a.obj", mesh, maps=maps)
+    done = ds.exchange.write_mesh(tmp_path / "a.obj", mesh, maps=maps)
     assert set(done.paths) == set(tmp_path.iterdir())
     read = assert_read(tmp_path / "a.obj", mesh)
     np.testing.assert_allclose(read.visual.uv, np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1), atol=1e-6)
@@ -245,7 +245,7 @@ def test_trimesh_reads_obj(given, tmp_path):
 
 def test_three_js_gets_a_mesh_with_one_shininess(given, tmp_path):
     maps, _, mesh = given
-    done = ds.write_mesh(tmp_path / "a.json", mesh, maps=maps)
+    done = ds.exchange.write_mesh(tmp_path / "a.json", mesh, maps=maps)
     assert set(done.paths) == set(tmp_path.iterdir())
     document = json.loads((tmp_path / "a.json").read_text())
     (material,), (geometry,) = document["materials"], document["geometries"]
@@ -262,15 +262,15 @@ def test_three_js_gets_a_mesh_with_one_shininess(given, tmp_path):
 def test_dark_maps_are_brightened(given, tmp_path):
     maps, _, mesh = given
     dark = dataclasses.replace(maps, values={**maps.values, **{k: 0.1 * maps.values[k] for k in ("k_d", "k_s")}})
-    said = ds.write_mesh(tmp_path / "a.glb", mesh, maps=dark)
+    said = ds.exchange.write_mesh(tmp_path / "a.glb", mesh, maps=dark)
     assert any("--brighten" in note and "multiplied by 14.3" in note for note in said.notes)
-    done = ds.write_mesh(tmp_path / "b.glb", mesh, maps=dark, brighten=True)
+    done = ds.exchange.write_mesh(tmp_path / "b.glb", mesh, maps=dark, brighten=True)
     assert any("times 14.3" in note for note in done.notes)
     assert said.difference is not None
     assert done.difference is not None
     assert done.difference.rms < 0.08 * done.difference.radiance
     assert done.difference.radiance == pytest.approx(14.3 * said.difference.radiance, rel=0.01)
-    assert not any("--brighten" in note for note in ds.write_mesh(tmp_path / "c.glb", mesh, maps=maps).notes)
+    assert not any("--brighten" in note for note in ds.exchange.write_mesh(tmp_path / "c.glb", mesh, maps=maps).notes)
 
 
 @pytest.mark.thorough
@@ -288,15 +288,15 @@ def test_what_pictures_cannot_hold_is_said_and_emission_is_written(given, tmp_pa
         "a.gltf": "KHR_materials_emissive_strength",
         "a.json": '"emissiveIntensity":2.0',
     }.items():
-        done = ds.write_mesh(tmp_path / name, mesh, maps=bright)
+        done = ds.exchange.write_mesh(tmp_path / name, mesh, maps=bright)
         assert any("k_d is above 1 at" in note for note in done.notes)
         assert words in (tmp_path / name.replace("obj", "mtl")).read_text()
-    assert any("no emission" in note for note in ds.write_mesh(tmp_path / "a.ply", mesh, maps=bright).notes)
+    assert any("no emission" in note for note in ds.exchange.write_mesh(tmp_path / "a.ply", mesh, maps=bright).notes)
 
 
 def test_trimesh_reads_ply(given, tmp_path):
     maps, _, mesh = given
-    assert ds.write_mesh(tmp_path / "a.ply", mesh, maps=maps).difference is None
+    assert ds.exchange.write_mesh(tmp_path / "a.ply", mesh, maps=maps).difference is None
     read = assert_read(tmp_path / "a.ply", mesh)
     errors = read.metadata["_ply_raw"]["vertex"]["data"]["height_error"]
     np.testing.assert_allclose(errors.ravel(), mesh.errors, rtol=1e-6, atol=1e-30)
@@ -305,8 +305,8 @@ def test_trimesh_reads_ply(given, tmp_path):
 @pytest.mark.parametrize(("suffix", "digits"), [("obj", 1e-6), ("ply", 1e-7), ("glb", 1e-7)])
 def test_what_is_written_is_read_with_its_corners_and_normals(suffix, digits, given, tmp_path):
     mesh = given[2]
-    ds.write_mesh(tmp_path / f"a.{suffix}", mesh)
-    read = ds.read_mesh(tmp_path / f"a.{suffix}", None)
+    ds.exchange.write_mesh(tmp_path / f"a.{suffix}", mesh)
+    read = ds.exchange.read_mesh(tmp_path / f"a.{suffix}", None)
     corners, normals = (np.asarray(of).reshape(-1, 3) for of in (read.corners, read.normals))
     some = slice(None, None, max(len(corners) // 500, 1))
     nearest = [np.abs(mesh.corner - corner).sum(1).argmin() for corner in corners[some]]
@@ -318,9 +318,9 @@ def test_what_is_written_is_read_with_its_corners_and_normals(suffix, digits, gi
 def test_what_cannot_be_written_is_refused_before_anything_is(given, tmp_path):
     maps, _, mesh = given
     with pytest.raises(ValueError, match=r"'\.stl' is not the suffix of a mesh\. Use one of \.glb"):
-        ds.write_mesh(tmp_path / "a.stl", mesh, maps=maps)
+        ds.exchange.write_mesh(tmp_path / "a.stl", mesh, maps=maps)
     with pytest.raises(ValueError, match=r"maps must have the shape of the mesh's camera"):
-        ds.write_mesh(tmp_path / "a.glb", mesh, maps=bumpy(20)[0])
+        ds.exchange.write_mesh(tmp_path / "a.glb", mesh, maps=bumpy(20)[0])
     assert not list(tmp_path.iterdir())
 
 
@@ -337,8 +337,8 @@ def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
     normal = np.load(measured(name) / "normal_gt.npy").astype(float)
     mask = np.linalg.norm(normal, axis=-1) > 0.5
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=mask.shape, local_viewer=False)
-    heights = ds.integrate_normals(normal, camera, mask=mask)
-    mesh, joined = ds.height_mesh(heights), heights.mask & np.isfinite(heights.errors)
+    heights = ds.heights.integrate_normals(normal, camera, mask=mask)
+    mesh, joined = ds.heights.height_mesh(heights), heights.mask & np.isfinite(heights.errors)
     of_pixels = normals_of_pixels(mesh, heights.mask.sum())[joined[heights.mask]]
     assert np.median(angle(of_pixels, normal[joined])) < most
 
@@ -384,9 +384,9 @@ def test_a_turned_surface_is_whole(name):
         wrong = np.array([*random.normal(size=2), 1.0])
         normal[((row - y) ** 2 + (column - x) ** 2 < random.uniform(1, 20)) & made.mask] = wrong / np.linalg.norm(wrong)
     errors = np.where(made.mask, 2.0, np.inf)
-    heights = ds.integrate_normals(normal, made.camera, mask=made.mask, errors=errors, shared_error=0)
+    heights = ds.heights.integrate_normals(normal, made.camera, mask=made.mask, errors=errors, shared_error=0)
     assert heights.jump_right.sum() + heights.jump_below.sum() > 20
     for tolerance in (None, 0.005):
-        found = coverage(ds.height_mesh(heights, tolerance=tolerance), true_surface(made))
+        found = coverage(ds.heights.height_mesh(heights, tolerance=tolerance), true_surface(made))
         assert found.whole > (0.993 if name == "vase" else 0.998)  # of the vase, the last of the rim
         assert found.beside < 0.04  # half a pixel all around are 0.02

@@ -29,7 +29,7 @@ def looked_up(light, points):
 
 @pytest.mark.thorough
 def test_a_profile_is_linear_between_its_angles():
-    light = ds.MeasuredLight((0, 0, 0), (0, -1, 0), TABLE)
+    light = ds.lamps.MeasuredLight((0, 0, 0), (0, -1, 0), TABLE)
     gamma, C = np.meshgrid(np.linspace(0.0, 129.9, 77), np.linspace(0.1, 359.9, 61))
     expected = [
         np.interp(g, TABLE.vertical, [np.interp(c, TABLE.horizontal, column) for column in TABLE.values.T])
@@ -39,10 +39,10 @@ def test_a_profile_is_linear_between_its_angles():
     found = looked_up(light, np.concatenate([3 * towards(gamma, C).reshape(-1, 3), beyond, at_the_lamp]))
     np.testing.assert_allclose(found[:-4], expected, atol=1e-12)
     np.testing.assert_array_equal(found[-4:], [0, 0, 0, 1])  # dark beyond the table; the lamp itself is finite
-    two = ds.Profile([0, 90], [0, 180, 360], [[1.0, 0], [0.5, 0], [1.0, 0]])  # planes that meet at another value
-    light = ds.MeasuredLight((0, 0, 0), (0, -1, 0), two)
+    two = ds.lamps.Profile([0, 90], [0, 180, 360], [[1.0, 0], [0.5, 0], [1.0, 0]])  # planes that meet at another value
+    light = ds.lamps.MeasuredLight((0, 0, 0), (0, -1, 0), two)
     np.testing.assert_allclose(looked_up(light, towards(1e-6, [0.0, 90, 180, 270])), 0.75, rtol=1e-7)
-    straight = ds.MeasuredLight((0, 0, 0), (0, -1, 0), ds.Profile([0, 90, 180], [0], [[1.0, 0.5, 0.0]]))
+    straight = ds.lamps.MeasuredLight((0, 0, 0), (0, -1, 0), ds.lamps.Profile([0, 90, 180], [0], [[1.0, 0.5, 0.0]]))
     np.testing.assert_allclose(looked_up(straight, np.array([[2.0, 0, 0]])), 0.5, rtol=1e-12)  # 90 degrees exactly
 
 
@@ -80,7 +80,7 @@ def test_derivatives_are_those_of_finite_differences_and_finite_at_the_poles_the
 
 
 def test_lamps_of_one_table_are_stacked_and_of_two_are_not():
-    narrow = dataclasses.replace(LAMP, profile=ds.Profile([0, 40], [0], [[1, 0]]))
+    narrow = dataclasses.replace(LAMP, profile=ds.lamps.Profile([0, 40], [0], [[1, 0]]))
     lamps = [LAMP, dataclasses.replace(LAMP, position=(1, 2, 0)), narrow]
     assert len(stack_scene(ds.Scene(ds.Object(ds.Sphere()), lamps)).lights) == 2
 
@@ -131,14 +131,14 @@ def check_table(lamp, about):
 def test_symmetries_of_ies(tmp_path, kind):
     horizontal, about = IES_SYMMETRIES[kind]
     text = ies(horizontal, beam(horizontal[:, None], VERTICAL, about=about) / 2, scale=2)
-    check_table(ds.read_lamp(write(tmp_path, "a.ies", text)), about)
+    check_table(ds.lamps.read_lamp(write(tmp_path, "a.ies", text)), about)
 
 
 @pytest.mark.parametrize("symmetry", LDT_SYMMETRIES)
 def test_symmetries_of_eulumdat(tmp_path, symmetry):
     stored, about = LDT_SYMMETRIES[symmetry]
     text = ldt(symmetry, 16, beam(stored[:, None], VERTICAL, about=about) / 4, flux=2000, factor=2)
-    check_table(ds.read_lamp(write(tmp_path, "a.ldt", text)), about)
+    check_table(ds.lamps.read_lamp(write(tmp_path, "a.ldt", text)), about)
 
 
 def test_a_lamp_that_is_the_same_all_around(tmp_path):
@@ -148,7 +148,7 @@ def test_a_lamp_that_is_the_same_all_around(tmp_path):
         ("a.ldt", ldt(1, 24, row)),
         ("b.LDT", ldt(1, 1, row).replace(".", ",")),
     ):
-        lamp = ds.read_lamp(write(tmp_path, name, text), position=(0, 3, 0), direction=(0, 0, -1))
+        lamp = ds.lamps.read_lamp(write(tmp_path, name, text), position=(0, 3, 0), direction=(0, 0, -1))
         assert lamp.profile.values.shape == (1, 6)
         np.testing.assert_allclose(lamp.profile.values * lamp.intensity[0], row, rtol=1e-9, atol=1e-9)
         np.testing.assert_array_equal([lamp.position, lamp.direction], [(0, 3, 0), (0, 0, -1)])
@@ -157,7 +157,7 @@ def test_a_lamp_that_is_the_same_all_around(tmp_path):
 
 def test_planes_that_leave_out_0_are_closed_between_their_neighbours(tmp_path):
     horizontal = np.array([90.0, 170, 270])  # about 90 the planes are 10, 90, 170 and 270
-    lamp = ds.read_lamp(write(tmp_path, "a.ies", ies(horizontal, np.outer([1, 2, 4], ROW))))
+    lamp = ds.lamps.read_lamp(write(tmp_path, "a.ies", ies(horizontal, np.outer([1, 2, 4], ROW))))
     np.testing.assert_array_equal(lamp.profile.horizontal, [0, 10, 90, 170, 270, 360])
     relative = np.array([0.9 * 2 + 0.1 * 4, 2, 1, 2, 4, 0.9 * 2 + 0.1 * 4]) / 4
     np.testing.assert_allclose(lamp.profile.values, np.outer(relative, ROW / ROW.max()))
@@ -165,7 +165,7 @@ def test_planes_that_leave_out_0_are_closed_between_their_neighbours(tmp_path):
 
 def test_tilt_factors_are_passed_over(tmp_path):
     text = ies([0], beam(0, VERTICAL)[None], tilt="TILT=INCLUDE\n1\n3\n0 45 90\n1 0.9 0.8", before="")
-    np.testing.assert_allclose(ds.read_lamp(write(tmp_path, "a.ies", text)).intensity, beam(0, VERTICAL).max())
+    np.testing.assert_allclose(ds.lamps.read_lamp(write(tmp_path, "a.ies", text)).intensity, beam(0, VERTICAL).max())
 
 
 IES, LDT, PLANES = ies([0], ROW), ldt(1, 1, ROW), "\r\n1\r\n360"
@@ -206,30 +206,36 @@ BAD = [
 @pytest.mark.parametrize(("file", "text", "message"), BAD)
 def test_a_bad_file_is_refused_in_one_sentence(tmp_path, file, text, message):
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
-        ds.read_lamp(write(tmp_path, file, text))
+        ds.lamps.read_lamp(write(tmp_path, file, text))
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_or_huge_file_is_refused(tmp_path, monkeypatch):
     with pytest.raises(FileNotFoundError, match="there is no lamp file"):
-        ds.read_lamp(tmp_path / "none.ies")
+        ds.lamps.read_lamp(tmp_path / "none.ies")
     monkeypatch.setattr("diffshade.io.parsing.LARGEST", len(IES))
-    assert ds.read_lamp(write(tmp_path, "a.ies", IES)).profile.values.shape == (1, 6)
+    assert ds.lamps.read_lamp(write(tmp_path, "a.ies", IES)).profile.values.shape == (1, 6)
     monkeypatch.setattr("diffshade.io.parsing.LARGEST", len(IES) - 1)
     with pytest.raises(ValueError, match=rf"too many for a lamp file\. Give one of at most {len(IES) - 1}\."):
-        ds.read_lamp(tmp_path / "a.ies")
+        ds.lamps.read_lamp(tmp_path / "a.ies")
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ds.Profile([0, 0], [0], [[1, 0]]), "Profile.vertical must be angles that increase"),
-        (lambda: ds.Profile([0, 181], [0], [[1, 0]]), "Profile.vertical must be angles that increase"),
-        (lambda: ds.Profile([-1, 90], [0], [[1, 0]]), "Profile.vertical must be angles that increase"),
-        (lambda: ds.Profile([0], [0], [[1]]), "Profile.vertical must hold two angles or more"),
-        (lambda: ds.Profile([0, 90], [0, 180], [[1, 0], [1, 0]]), "Profile.horizontal must go from 0 to 360 degrees"),
-        (lambda: ds.Profile([0, 90], [0], [[1, -1]]), "Profile.values must be finite numbers of at least 0, 1 x 2"),
-        (lambda: ds.Profile([0, 90], [0], [[1, 1, 1]]), "got shape (1, 3)."),
+        (lambda: ds.lamps.Profile([0, 0], [0], [[1, 0]]), "Profile.vertical must be angles that increase"),
+        (lambda: ds.lamps.Profile([0, 181], [0], [[1, 0]]), "Profile.vertical must be angles that increase"),
+        (lambda: ds.lamps.Profile([-1, 90], [0], [[1, 0]]), "Profile.vertical must be angles that increase"),
+        (lambda: ds.lamps.Profile([0], [0], [[1]]), "Profile.vertical must hold two angles or more"),
+        (
+            lambda: ds.lamps.Profile([0, 90], [0, 180], [[1, 0], [1, 0]]),
+            "Profile.horizontal must go from 0 to 360 degrees",
+        ),
+        (
+            lambda: ds.lamps.Profile([0, 90], [0], [[1, -1]]),
+            "Profile.values must be finite numbers of at least 0, 1 x 2",
+        ),
+        (lambda: ds.lamps.Profile([0, 90], [0], [[1, 1, 1]]), "got shape (1, 3)."),
         (lambda: dataclasses.replace(LAMP, side=(0.2, -2, 0.4)), "MeasuredLight.side must not be along direction"),
         (lambda: dataclasses.replace(LAMP, direction=(0, 0, 0)), "MeasuredLight.direction must not be the zero vector"),
     ],
@@ -240,13 +246,15 @@ def test_a_profile_or_lamp_that_is_none(make, message):
 
 
 def test_angles_may_be_as_close_as_one_likes():
-    assert ds.Profile([0, 0.25, 0.5], [0], [[1, 0.9, 0.8]]).vertical[1] == 0.25
+    assert ds.lamps.Profile([0, 0.25, 0.5], [0], [[1, 0.9, 0.8]]).vertical[1] == 0.25
 
 
 def test_a_spot_is_found_again_with_its_cutoff():
     vertical = np.arange(0, 91.0)
     values = np.where(vertical <= 30, np.cos(np.deg2rad(vertical)) ** 3, 0)
-    found = ds.as_spot(ds.MeasuredLight((1, 2, 3), (0, 0, -1), ds.Profile(vertical, [0], [values]), (3, 2, 1)))
+    found = ds.lamps.as_spot(
+        ds.lamps.MeasuredLight((1, 2, 3), (0, 0, -1), ds.lamps.Profile(vertical, [0], [values]), (3, 2, 1))
+    )
     assert found.rms < 1e-6
     assert float(found.light.cutoff) == 30
     np.testing.assert_allclose(found.light.exponent, 3, rtol=1e-4)
@@ -255,15 +263,15 @@ def test_a_spot_is_found_again_with_its_cutoff():
 
 
 def test_a_lamp_that_is_no_spot_is_said_to_be_none():
-    wing = ds.Profile([0, 30, 60, 90], [0], [[0.3, 0.6, 1, 0]])  # a street light, brightest to its sides
-    found = ds.as_spot(ds.MeasuredLight((0, 0, 0), (0, -1, 0), wing))
+    wing = ds.lamps.Profile([0, 30, 60, 90], [0], [[0.3, 0.6, 1, 0]])  # a street light, brightest to its sides
+    found = ds.lamps.as_spot(ds.lamps.MeasuredLight((0, 0, 0), (0, -1, 0), wing))
     assert not found.fits
     assert str(found).startswith("no spot light fits this lamp; the nearest is cos^")
 
 
 def test_the_falloff_of_a_real_lamp():
     table = np.loadtxt(measured("lamps") / "heig_falloff.csv", delimiter=",", skiprows=1)
-    found = ds.fit_falloff(table[:, 0], table[:, 1])
+    found = ds.lamps.fit_falloff(table[:, 0], table[:, 1])
     assert abs(found.slope + 1.93) < 0.005
     assert found.undetermined == ("constant", "linear")
     assert found.rms < 0.02
@@ -276,11 +284,11 @@ def test_a_falloff_is_found_again_and_its_errors_hold():
     true = np.array([0.5, 0.3, 0.2])
     rng = np.random.default_rng(0)
     lux = 1 / (true @ np.stack([d**0, d, d * d]))
-    exact = ds.fit_falloff(d, lux)
+    exact = ds.lamps.fit_falloff(d, lux)
     np.testing.assert_allclose([float(x) for x in jax.tree.leaves(exact.attenuation)], true, rtol=1e-9)
     scatter = []
     for _ in range(300):
-        found = ds.fit_falloff(d, lux * (1 + 0.01 * rng.standard_normal(12)))
+        found = ds.lamps.fit_falloff(d, lux * (1 + 0.01 * rng.standard_normal(12)))
         scatter.append((np.array([float(x) for x in jax.tree.leaves(found.attenuation)]) - true) / found.errors)
         assert found.undetermined == ()
     assert (np.abs(np.std(scatter, 0) - np.sqrt(9 / 7)) < 0.15).all()  # Student's t of 12 - 3
@@ -289,4 +297,4 @@ def test_a_falloff_is_found_again_and_its_errors_hold():
 @pytest.mark.parametrize("rows", [([1, 2, 3], [3, 2, 1]), ([1, 1, 2, 2], [3, 3, 2, 2]), ([1, 2, 3, -4], [4, 3, 2, 1])])
 def test_a_table_that_is_none(rows):
     with pytest.raises(ValueError, match=r"at least four rows|must be a list of finite numbers above 0"):
-        ds.fit_falloff(*rows)
+        ds.lamps.fit_falloff(*rows)

@@ -43,7 +43,7 @@ def table_of(kind):
 def test_a_floodlight_of_type_a_or_b_lights_a_wall_as_a_rotation_by_hand(kind, tmp_path):
     """A wall at 4 m, lamp aimed at it: candela of the direction, times cos^3 over the squared distance."""
     path = write(tmp_path, "a.ies", ies(H, table_of(kind), V, kind=kind))
-    lamp = ds.read_lamp(path, position=(0, 0, 0), direction=(0, 0, -1), side=(1, 0, 0))
+    lamp = ds.lamps.read_lamp(path, position=(0, 0, 0), direction=(0, 0, -1), side=(1, 0, 0))
     x, y = np.meshgrid(np.linspace(-3, 3, 41), np.linspace(2.5, -2.5, 31))  # right and up, seen from behind the lamp
     p = np.stack([x, y, np.full_like(x, -4.0)], -1)
     wall = ds.GBuffer(np.broadcast_to([0.0, 0, 1], p.shape), p)
@@ -59,7 +59,7 @@ def test_a_floodlight_of_one_quarter_is_mirrored_and_keeps_its_flux(tmp_path):
     angles = np.arange(0, 91, 3.0)
     h, v = np.deg2rad(angles)[:, None], np.deg2rad(angles)
     values = 500 * np.cos(h) ** 3 * np.cos(v)
-    lamp = ds.read_lamp(write(tmp_path, "a.ies", ies(angles, values, angles, kind=2)))
+    lamp = ds.lamps.read_lamp(write(tmp_path, "a.ies", ies(angles, values, angles, kind=2)))
     # by the solid angle cos H dH dV of type B, over all four quarters
     expected = 4 * 500 * np.trapezoid(np.trapezoid(np.cos(h[:, 0]) ** 4 * np.ones(31)[:, None], h[:, 0]) * np.cos(v), v)
     flux = float(str(lamp).split("flux")[1].split("lm")[0])
@@ -69,11 +69,11 @@ def test_a_floodlight_of_one_quarter_is_mirrored_and_keeps_its_flux(tmp_path):
 
 def test_a_circle_that_leaves_out_its_end_is_closed(tmp_path):
     C = np.arange(0, 346, 15.0)
-    lamp = ds.read_lamp(write(tmp_path, "a.ies", ies(C, beam(C[:, None], VERTICAL))))
+    lamp = ds.lamps.read_lamp(write(tmp_path, "a.ies", ies(C, beam(C[:, None], VERTICAL))))
     np.testing.assert_allclose(lamp.profile.horizontal, [*C, 360])
     np.testing.assert_allclose(lamp.profile.values[0], lamp.profile.values[-1])
     with pytest.raises(ValueError, match="the horizontal angles must go from 0 to 0, 90, 180 or 360"):
-        ds.read_lamp(write(tmp_path, "b.ies", ies([0, 15, 100], beam(np.array([[0], [15], [100]]), VERTICAL))))
+        ds.lamps.read_lamp(write(tmp_path, "b.ies", ies([0, 15, 100], beam(np.array([[0], [15], [100]]), VERTICAL))))
 
 
 def test_a_lamp_that_is_tilted_gives_its_factor(tmp_path, caplog):
@@ -81,14 +81,14 @@ def test_a_lamp_that_is_tilted_gives_its_factor(tmp_path, caplog):
     included = write(tmp_path, "a.ies", ies([0], ROW, tilt="TILT=INCLUDE" + factors))
     for direction, factor in (((0, -1, 0), 1.0), ((1, -1, 0), 0.8), ((0, 0, 2), 0.5)):
         side = (0, 0, 1) if direction[2] == 0 else (1, 0, 0)
-        lamp = ds.read_lamp(included, direction=direction, side=side)
+        lamp = ds.lamps.read_lamp(included, direction=direction, side=side)
         np.testing.assert_allclose(lamp.intensity, factor * ROW.max())
     named, tilt = write(tmp_path, "b.ies", ies([0], ROW, tilt="TILT=b.tlt")), write(tmp_path, "b.tlt", factors)
     with caplog.at_level(logging.WARNING):
-        untilted = ds.read_lamp(named, direction=(1, 0, 0), side=(0, 0, 1))
+        untilted = ds.lamps.read_lamp(named, direction=(1, 0, 0), side=(0, 0, 1))
     assert "TILT names the file 'b.tlt', which is not opened; give tilt= if the lamp is tilted." in caplog.text
     caplog.clear()
-    tilted = ds.read_lamp(named, direction=(1, 0, 0), side=(0, 0, 1), tilt=tilt)
+    tilted = ds.lamps.read_lamp(named, direction=(1, 0, 0), side=(0, 0, 1), tilt=tilt)
     assert caplog.text == ""
     np.testing.assert_allclose(np.asarray(tilted.intensity) / untilted.intensity, 0.5)
 
@@ -100,23 +100,23 @@ def test_sets_of_lamps_are_chosen_or_added(tmp_path, caplog):
     text[25] = "2"
     path = write(tmp_path, "a.ldt", "\n".join(text) + "printed by a program\n")
     with caplog.at_level(logging.WARNING):
-        first = ds.read_lamp(path)
+        first = ds.lamps.read_lamp(path)
     assert (
         "it has 2 sets of lamps, of which the first is lit (0 'LED', 1 'LED plus'); choose by lamp_set=." in caplog.text
     )
     assert "what stands after the data is not read: 'printed by a program'." in caplog.text
     choices: tuple[tuple[Any, float, float], ...] = ((0, 1, 10), (1, 2.5, 30), ("all", 3.5, 40))
     for chosen, flux, watts in choices:
-        lamp = ds.read_lamp(path, lamp_set=chosen)
+        lamp = ds.lamps.read_lamp(path, lamp_set=chosen)
         np.testing.assert_allclose(np.asarray(lamp.intensity) / first.intensity, flux)
         assert lamp.label.watts == watts
     with pytest.raises(ValueError, match=r"has 2 sets of lamps; got lamp_set=2\. Give 0 to 1, or 'all'"):
-        ds.read_lamp(path, lamp_set=2)
+        ds.lamps.read_lamp(path, lamp_set=2)
 
 
 def test_text_after_the_data_of_an_ies_file_is_said(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
-        lamp = ds.read_lamp(write(tmp_path, "a.ies", ies([0], ROW) + "[END] of 1 file\n"))
+        lamp = ds.lamps.read_lamp(write(tmp_path, "a.ies", ies([0], ROW) + "[END] of 1 file\n"))
     assert lamp.profile.values.shape == (1, 6)
     assert "what stands after the data is not read: '[END] of 1 file'." in caplog.text
 
@@ -125,7 +125,7 @@ def test_a_lamp_is_summed_up(tmp_path):
     """A Lambertian disc: its flux is pi times its peak, and it is half as bright at 60 degrees."""
     gamma = np.arange(0, 90.5, 0.5)
     text = ies([0], 100 * np.cos(np.deg2rad(gamma))[None], gamma, before="[MANUFAC] Maker\n[LUMINAIRE]  Disc\n")
-    said = str(ds.read_lamp(write(tmp_path, "a.ies", text))).splitlines()
+    said = str(ds.lamps.read_lamp(write(tmp_path, "a.ies", text))).splitlines()
     assert said == [
         "Maker, Disc",
         "flux        314.2 lm integrated",
@@ -135,16 +135,18 @@ def test_a_lamp_is_summed_up(tmp_path):
         "symmetry    the same all around",
     ]
     too_much = text.replace("1 -1 1", "2 100 1", 1)
-    said = str(ds.read_lamp(write(tmp_path, "b.ies", too_much)))
+    said = str(ds.lamps.read_lamp(write(tmp_path, "b.ies", too_much)))
     assert "314.2 lm integrated, 200 lm of its lamps" in said
     assert "The file contradicts itself: its table has more than the 200 lm of its lamps." in said
     stated = text.replace("[MANUFAC]", "[_ABSOLUTELUMENS] 314\n[MANUFAC]")
-    said = str(ds.read_lamp(write(tmp_path, "d.ies", stated)))
+    said = str(ds.lamps.read_lamp(write(tmp_path, "d.ies", stated)))
     assert "314.2 lm integrated, 314 lm stated" in said
     assert "contradicts" not in said
     less = ldt(1, 1, 100 * np.cos(np.deg2rad(gamma))[None], gamma)
-    assert "table is -69 % off the 1000 lm that it states" in str(ds.read_lamp(write(tmp_path, "c.ldt", less)))
-    assert str(ds.MeasuredLight((0, 0, 0), (0, -1, 0), ds.Profile([0, 90], [0], [[1, 0]]))).startswith("a lamp\nflux")
+    assert "table is -69 % off the 1000 lm that it states" in str(ds.lamps.read_lamp(write(tmp_path, "c.ldt", less)))
+    assert str(ds.lamps.MeasuredLight((0, 0, 0), (0, -1, 0), ds.lamps.Profile([0, 90], [0], [[1, 0]]))).startswith(
+        "a lamp\nflux"
+    )
 
 
 STATED = {"rab_5.ies": 753.8, "rab_7.ies": 531.98, "ledvance_sym_30.ldt": 80919.0}
@@ -153,7 +155,7 @@ STATED = {"rab_5.ies": 753.8, "rab_7.ies": 531.98, "ledvance_sym_30.ldt": 80919.
 @pytest.mark.parametrize("file", STATED)
 def test_the_flux_of_real_lamps_is_that_of_other_programs(file):
     """By Photometric Toolbox for the IES files, and by the LDT's own light output ratio."""
-    lamp = ds.read_lamp(measured("lamps") / file)
+    lamp = ds.lamps.read_lamp(measured("lamps") / file)
     flux = float(str(lamp).split("flux")[1].split("lm")[0])
     np.testing.assert_allclose(flux, STATED[file], rtol=0.005)
     assert "contradicts" not in str(lamp)
@@ -173,7 +175,7 @@ def test_a_scene_names_a_lamps_file(tmp_path):
     (tmp_path / "lamps").mkdir()
     path = write(tmp_path / "lamps", "a.ies", ies([0], ROW, before="[MANUFAC] Maker\n"))
     lamp: Any
-    lamp, expected = ds.read_scene(write(tmp_path, "a.toml", SCENE)).lights[0], ds.read_lamp(path)
+    lamp, expected = ds.read_scene(write(tmp_path, "a.toml", SCENE)).lights[0], ds.lamps.read_lamp(path)
     np.testing.assert_array_equal(lamp.profile.values, expected.profile.values)
     np.testing.assert_array_equal([*lamp.position, *lamp.intensity], [0, 3, 0, 2, 2, 2])
     assert lamp.label.maker == "Maker"
@@ -202,10 +204,10 @@ def test_a_scene_chooses_the_set_and_the_tilt_of_its_lamp(tmp_path):
     rows = 'direction = [1, 0, 0]\nside = [0, 0, 1]\ntilt = "a.tlt"\n[[lights]]\nfile = "b.ldt"\nlamp_set = "all"\n'
     scene = '[[objects]]\nsurface = "Sphere"\n[[lights]]\nfile = "a.ies"\n' + rows
     lamps: Any = ds.read_scene(write(tmp_path, "a.toml", scene)).lights
-    tilted = ds.read_lamp(tmp_path / "a.ies", direction=(1, 0, 0), side=(0, 0, 1), tilt=tmp_path / "a.tlt")
+    tilted = ds.lamps.read_lamp(tmp_path / "a.ies", direction=(1, 0, 0), side=(0, 0, 1), tilt=tmp_path / "a.tlt")
     np.testing.assert_array_equal([*lamps[0].intensity, *lamps[0].side], [*tilted.intensity, *tilted.side])
-    np.testing.assert_allclose(tilted.intensity, 0.5 * ds.read_lamp(tmp_path / "a.ies").intensity)
-    np.testing.assert_array_equal(lamps[1].intensity, ds.read_lamp(tmp_path / "b.ldt", lamp_set="all").intensity)
+    np.testing.assert_allclose(tilted.intensity, 0.5 * ds.lamps.read_lamp(tmp_path / "a.ies").intensity)
+    np.testing.assert_array_equal(lamps[1].intensity, ds.lamps.read_lamp(tmp_path / "b.ldt", lamp_set="all").intensity)
     for old, new, message in (
         ('"all"', "2", r"lights\[1\]: .*b\.ldt has 2 sets of lamps; got lamp_set=2"),
         ('"a.tlt"', "3", r"lights\[0\]\.tilt must be the name of a file; got 3"),
@@ -238,7 +240,7 @@ def test_a_lamp_is_drawn_and_told_at_the_terminal(tmp_path, capfd, monkeypatch):
 def test_the_plane_is_seen_from_behind_the_lamp(tmp_path):
     """The bright side, C = 0, is on the right."""
     C = np.arange(0, 361, 22.5)
-    lamp = ds.read_lamp(write(tmp_path, "a.ies", ies(C, beam(C[:, None], VERTICAL))))
+    lamp = ds.lamps.read_lamp(write(tmp_path, "a.ies", ies(C, beam(C[:, None], VERTICAL))))
     light = light_on_plane(lamp, 3.0, 5).light
     assert light[2, 4] > light[2, 0]
     assert light[0, 2] > light[4, 2]  # C = 90 up

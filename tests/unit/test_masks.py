@@ -116,5 +116,5 @@ def test_every_function_that_takes_a_mask_takes_it_by_this_rule():
     soft = np.where(ball.mask, 200, 100).astype(np.uint8)
     np.testing.assert_array_equal(ds.normal_map((normal + 1) / 2, mask=soft).mask, ball.mask)
     np.testing.assert_array_equal(ds.height_map(np.zeros((24, 24)), camera, mask=soft).mask, ball.mask)
-    soft_height, height = (ds.integrate_normals(normal, camera, mask=mask).height for mask in (soft, ball.mask))
+    soft_height, height = (ds.heights.integrate_normals(normal, camera, mask=mask).height for mask in (soft, ball.mask))
     np.testing.assert_array_equal(soft_height, height)

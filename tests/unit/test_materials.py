@@ -150,7 +150,7 @@ def test_measured_materials_are_near_their_measurements():
     for name in names[::4]:
         given = [(lobe, number) for lobe in (ds.Phong(), ds.Blinn(), None) for number in (1, 2)]
         found = {
-            (of, n): (ds.material(name, lobe=of, highlights=n), ds.material_error(name, lobe=of, highlights=n))
+            (of, n): (ds.material(name, lobe=of, highlights=n), ds.exchange.material_error(name, lobe=of, highlights=n))
             for of, n in given
         }
         for (lobe, number), (material, error) in found.items():
@@ -159,8 +159,8 @@ def test_measured_materials_are_near_their_measurements():
             assert 0 < error.rms < error.largest
             assert error.rms <= found[lobe, 1][1].rms
         assert found[None, 1][1].rms == min(found[ds.Phong(), 1][1].rms, found[ds.Blinn(), 1][1].rms)
-    assert ds.material_error("merl_teflon").rms < 0.02
-    assert "at most 75 degrees from the normal" in str(ds.material_error("merl_brass"))
+    assert ds.exchange.material_error("merl_teflon").rms < 0.02
+    assert "at most 75 degrees from the normal" in str(ds.exchange.material_error("merl_brass"))
 
 
 # teflon in the ABC model: diffuse k, A, B, C and the index of refraction (Löw et al. 2012; dj_brdf.h)
@@ -169,7 +169,7 @@ B, C, IOR = 41.644257, 2.066234, 1.611215
 
 
 def test_a_measured_material_is_its_f_times_cosine_times_pi():
-    rng, error = np.random.default_rng(0), ds.material_error("merl_teflon", highlights=2)
+    rng, error = np.random.default_rng(0), ds.exchange.material_error("merl_teflon", highlights=2)
     n = rng.normal(size=(4000, 3))
     n /= np.linalg.norm(n, axis=-1, keepdims=True)
     l = np.array([np.sin(0.7), 0, np.cos(0.7)])
@@ -196,7 +196,7 @@ def test_measured_materials_that_are_none():
         (lambda: ds.material("merl_bras"), "no measured material is named 'merl_bras'. Did you mean 'merl_brass'"),
         (lambda: ds.material("merl_brass", highlights=3), "a measured material has 1 or 2 highlights; got 3"),
         (lambda: ds.material("gold", highlights=2), "'gold' has one highlight, Blinn's"),
-        (lambda: ds.material_error("gold"), "no measured material is named 'gold'"),
+        (lambda: ds.exchange.material_error("gold"), "no measured material is named 'gold'"),
     ):
         with pytest.raises(ValueError, match=re.escape(message)):
             call()

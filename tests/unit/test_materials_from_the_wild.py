@@ -22,7 +22,7 @@ def read(tmp_path, caplog):
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
         caplog.clear()
         with caplog.at_level(logging.WARNING):
-            found = ds.read_materials(tmp_path / name)
+            found = ds.exchange.read_materials(tmp_path / name)
         return found, caplog.text.replace(f"{tmp_path}/", "")
 
     return of
@@ -77,8 +77,10 @@ def test_a_hash_within_a_name_is_no_comment(read):
 
 
 def test_glass_that_lets_all_through_is_written_and_read(tmp_path):
-    written = ds.write_material(tmp_path / "a.mtl", ds.Material(0.1, 0.2, 0.3, 10, ds.Blinn(), k_t=1.0, eta=1.5))
-    np.testing.assert_array_equal(ds.read_material(written.path).k_t, 1.0)
+    written = ds.exchange.write_material(
+        tmp_path / "a.mtl", ds.Material(0.1, 0.2, 0.3, 10, ds.Blinn(), k_t=1.0, eta=1.5)
+    )
+    np.testing.assert_array_equal(ds.exchange.read_material(written.path).k_t, 1.0)
 
 
 def test_what_most_programs_mean(read):
@@ -94,8 +96,8 @@ def test_one_bad_material_does_not_lose_a_file(read, tmp_path):
     assert len(found) == 39
     assert "'m7': Kd must be a finite number; got 'x'. Correct the file. This material is left out." in said
     with pytest.raises(ValueError, match="'m7': Kd must be a finite number"):
-        ds.read_material(tmp_path / "a.mtl", name="m7")
-    assert float(ds.read_material(tmp_path / "a.mtl", name="m20").k_d[2]) == 0.5
+        ds.exchange.read_material(tmp_path / "a.mtl", name="m7")
+    assert float(ds.exchange.read_material(tmp_path / "a.mtl", name="m20").k_d[2]) == 0.5
 
 
 def test_an_opacity_beyond_its_range_is_refused_by_its_key(read):
@@ -120,9 +122,9 @@ CODE = {".c": "{}_material(", ".js": "const {} =", ".py": "def set_{}(", ".inc":
 def test_any_name_is_written_and_every_material_read_again(suffix, tmp_path):
     shine = 0.0 if suffix == ".gltf" else 0.2  # a matte material takes no fit
     many = {name: ds.Material(0, 0.1 + 0.08 * i, shine, 20, ds.Blinn()) for i, name in enumerate(NAMES)}
-    written = ds.write_material(tmp_path / f"a{suffix}", many)
+    written = ds.exchange.write_material(tmp_path / f"a{suffix}", many)
     text = written.path.read_text(encoding="utf-8")
-    found = ds.read_materials(written.path)
+    found = ds.exchange.read_materials(written.path)
     for (name, truth), (again, material) in zip(many.items(), found.items(), strict=True):
         np.testing.assert_allclose(material.k_d, truth.k_d, rtol=0.2, err_msg=name)
         if suffix in (".json", ".gltf"):
@@ -273,13 +275,13 @@ def test_materials_in_javascript_are_read(read):
 def test_a_matte_material_becomes_one_without_a_highlight(read, tmp_path):
     matte = ds.Material(0.1, (0.5, 0.25, 0.1), k_e=0.2)
     for suffix in (".json", ".js"):
-        written = ds.write_material(tmp_path / f"a{suffix}", matte)
+        written = ds.exchange.write_material(tmp_path / f"a{suffix}", matte)
         assert "MeshLambertMaterial" in written.path.read_text()
         assert written.largest < (0.01 if suffix == ".json" else 1e-12)
-        again = ds.read_material(written.path)
+        again = ds.exchange.read_material(written.path)
         assert not np.any(again.k_s)
         np.testing.assert_allclose(again.k_d, matte.k_d, rtol=0.02)
-    gltf = ds.write_material(tmp_path / "a.gltf", dataclasses.replace(matte, k_a=0))
+    gltf = ds.exchange.write_material(tmp_path / "a.gltf", dataclasses.replace(matte, k_a=0))
     assert gltf.largest == 0
     assert (
         json.loads(gltf.path.read_text())["materials"][0]["extensions"]["KHR_materials_specular"]["specularFactor"] == 0
@@ -313,7 +315,7 @@ def test_stated_errors_are_those_of_other_points(suffix, count, tmp_path):
     """The program's own formula, from what the file holds, over points drawn at random around each reference."""
     ratios = []
     for material in random_materials(count):
-        written = ds.write_material(tmp_path / f"a{suffix}", material)
+        written = ds.exchange.write_material(tmp_path / f"a{suffix}", material)
         points = fresh_points(material)
         rms, largest = differences(radiance(material, points), shown(written.path, points))
         if written.rms == 0:

@@ -22,7 +22,7 @@ ROW = [20, 40, 59]
 
 def read(folder, name, content, camera=CAMERA, **how):
     (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    return ds.read_mesh(folder / name, camera, **how)
+    return ds.exchange.read_mesh(folder / name, camera, **how)
 
 
 def area(buffer):
@@ -65,10 +65,10 @@ def test_the_normals_of_the_file_are_kept(name, tmp_path):
     n = np.stack([0.6 * x, 0 * x, 0 * x + 0.8], -1)
     n /= np.linalg.norm(n, axis=-1, keepdims=True)
     np.testing.assert_allclose(np.asarray(seen.normal)[40, ROW], n, atol=1e-6)
-    mesh = ds.read_mesh(tmp_path / name, None)
+    mesh = ds.exchange.read_mesh(tmp_path / name, None)
     rays = ds.intersect(ds.Scene(ds.Object(mesh)), CAMERA)
     np.testing.assert_allclose(rays.normal, seen.normal, atol=1e-5)
-    flat = np.asarray(ds.read_mesh(tmp_path / name, CAMERA, smooth=False).normal)
+    flat = np.asarray(ds.exchange.read_mesh(tmp_path / name, CAMERA, smooth=False).normal)
     np.testing.assert_allclose(flat[40, ROW], np.broadcast_to((0.0, 0.0, 1.0), (3, 3)), atol=1e-12)
 
 
@@ -76,10 +76,10 @@ def test_indices_that_count_backward(tmp_path):
     for name, text in (("absolute.obj", made.ABSOLUTE), ("relative.obj", made.RELATIVE)):
         for of in (text, text.replace("usemtl red\n", "").replace("usemtl blue\n", "")):
             assert area(read(tmp_path, name, of)) == 8.0
-    parts = ds.read_mesh_parts(tmp_path / "relative.obj", CAMERA)
+    parts = ds.exchange.read_mesh_parts(tmp_path / "relative.obj", CAMERA)
     assert list(parts) == [""]
     (tmp_path / "relative.obj").write_text(made.RELATIVE)
-    parts = ds.read_mesh_parts(tmp_path / "relative.obj", CAMERA)
+    parts = ds.exchange.read_mesh_parts(tmp_path / "relative.obj", CAMERA)
     assert {name: area(part) for name, part in parts.items()} == {"red": 4.0, "blue": 4.0}
     assert np.asarray(parts["red"].mask)[:, :40].sum() == 1600
 
@@ -99,7 +99,7 @@ def test_indices_that_count_backward(tmp_path):
 )
 def test_white_space_comments_and_ends_of_lines(text, tmp_path):
     (tmp_path / "a.obj").write_bytes(text.encode())
-    parts = ds.read_mesh_parts(tmp_path / "a.obj", CAMERA)
+    parts = ds.exchange.read_mesh_parts(tmp_path / "a.obj", CAMERA)
     assert {name: area(part) for name, part in parts.items()} == {"red": 4.0, "blue": 4.0}
 
 
@@ -123,7 +123,7 @@ def test_faces_back_to_back_have_each_their_own_normal(tmp_path):
         camera = ds.OrthographicCamera((0, 0, z), height=4.0, shape=(40, 40))
         seen = read(tmp_path, "card.obj", made.CARD, camera)
         np.testing.assert_array_equal(np.asarray(seen.normal)[np.asarray(seen.mask)][:, 2], np.sign(z))
-        mesh = ds.intersect(ds.Scene(ds.Object(ds.read_mesh(tmp_path / "card.obj", None))), camera)
+        mesh = ds.intersect(ds.Scene(ds.Object(ds.exchange.read_mesh(tmp_path / "card.obj", None))), camera)
         np.testing.assert_array_equal(np.asarray(mesh.normal)[np.asarray(mesh.mask)][:, 2], np.sign(z))
 
 
@@ -143,7 +143,7 @@ def test_a_bent_sheet_with_two_sides_is_as_smooth_as_with_one(name, tmp_path):
         faces = np.array([f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))])
         mesh = trimesh.Trimesh(points, np.concatenate([faces, faces[:, ::-1]]), process=False)
         both = read(tmp_path, name, mesh.export(file_type="ply", vertex_normal=False))
-    assert area(both) == area(ds.read_mesh(tmp_path / "one.obj", CAMERA)) > 2
+    assert area(both) == area(ds.exchange.read_mesh(tmp_path / "one.obj", CAMERA)) > 2
     assert angles(both.normal, right)[np.asarray(both.mask)].max() < 1e-3
 
 
@@ -163,8 +163,8 @@ def test_triangles_without_area_are_left_out_and_said_once(tmp_path, caplog):
         caplog.clear()
         np.testing.assert_array_equal(seen.mask, right.mask)
         np.testing.assert_allclose(seen.normal, right.normal, atol=1e-9)
-        assert ds.read_mesh(tmp_path / "a.obj", None).extent() == pytest.approx(0.75**0.5)
-        assert ds.frame_mesh(tmp_path / "a.obj").target == pytest.approx(np.zeros(3))
+        assert ds.exchange.read_mesh(tmp_path / "a.obj", None).extent() == pytest.approx(0.75**0.5)
+        assert ds.exchange.frame_mesh(tmp_path / "a.obj").target == pytest.approx(np.zeros(3))
         caplog.clear()
     with pytest.raises(ValueError, match=r"has no triangle with an area\."):
         read(tmp_path, "none.obj", head + "f 9 10 11\n")
@@ -192,7 +192,10 @@ def ball(part, texture=False, normals=False):
 def test_normals_at_borders_and_seams_are_those_of_the_whole(texture, tmp_path):
     whole = read(tmp_path, "one.obj", ball(lambda _: "a"))
     (tmp_path / "two.obj").write_text(ball(lambda x: "a" if x[0] < 0 else "b", texture))
-    seamed, parts = ds.read_mesh(tmp_path / "two.obj", CAMERA), ds.read_mesh_parts(tmp_path / "two.obj", CAMERA)
+    seamed, parts = (
+        ds.exchange.read_mesh(tmp_path / "two.obj", CAMERA),
+        ds.exchange.read_mesh_parts(tmp_path / "two.obj", CAMERA),
+    )
     assert list(parts) == ["a", "b"]
     inside = np.asarray(whole.mask)
     assert angles(seamed.normal, whole.normal)[inside].max() < 1e-3
@@ -213,7 +216,7 @@ def test_creases_are_where_the_file_says_so(tmp_path):
 
     def y_at_edge(text):
         seen = read(tmp_path, "a.obj", text, camera)
-        upper = np.asarray(ds.read_mesh(tmp_path / "a.obj", above).normal)
+        upper = np.asarray(ds.exchange.read_mesh(tmp_path / "a.obj", above).normal)
         return np.asarray(seen.normal)[40, 53, 1], upper[40, 58, 2]
 
     smooth, flat = np.sin(np.pi / 4), np.sin(np.pi / 8)
@@ -392,8 +395,8 @@ def test_the_materials_that_primitives_of_gltf_name(tmp_path):
         ([{}, {}], ["material_0", "material_1"]),
     ):
         (tmp_path / "a.glb").write_bytes(made.gltf(primitives, arrays, materials=materials))
-        parts = ds.read_mesh_parts(tmp_path / "a.glb", CAMERA)
-        assert list(parts) == names == list(ds.read_materials(tmp_path / "a.glb"))
+        parts = ds.exchange.read_mesh_parts(tmp_path / "a.glb", CAMERA)
+        assert list(parts) == names == list(ds.exchange.read_materials(tmp_path / "a.glb"))
         assert sum(area(part) for part in parts.values()) == pytest.approx(4.0, abs=0.2)  # both have the diagonal
 
 
@@ -465,9 +468,9 @@ def test_coordinates_of_a_map(tmp_path):
         rows = ["v {:.9f} {:.9f} {:.9f}".format(*(v + place)) for v in mesh.vertices]
         path = tmp_path / name
         path.write_text("\n".join([*rows, *("f {} {} {}".format(*(f + 1)) for f in mesh.faces)]))
-        camera = ds.frame_mesh(path, shape=(40, 40))
+        camera = ds.exchange.frame_mesh(path, shape=(40, 40))
         lights = ds.DirectionalLight((0.5, -1, -1)), ds.PointLight(place + np.array([2, 3, 2]))
-        for surface in (ds.read_mesh(path, camera), ds.read_mesh(path, None)):
+        for surface in (ds.exchange.read_mesh(path, camera), ds.exchange.read_mesh(path, None)):
             scene = ds.Scene(ds.Object(surface, ds.Material(0.7, 0.7, 0.5, 60)), lights)
             with jax.enable_x64(False):
                 images.append(np.asarray(ds.render(scene, camera)))

@@ -37,7 +37,7 @@ KINDS = ["ply", "stl", *(pytest.param(kind, marks=pytest.mark.thorough) for kind
 def test_a_fine_mesh_of_a_sphere_is_nearly_the_sphere(folder, kind):
     """Edges of 0.035 at radius 1: facets lie up to 2e-4 below the sphere and 0.02 off its direction."""
     sphere = ds.intersect(ds.Scene(ds.Object(ds.Sphere((0.1, 0.2, -0.1)))), CAMERA)
-    mesh = ds.read_mesh(folder / f"ball.{kind}", CAMERA)
+    mesh = ds.exchange.read_mesh(folder / f"ball.{kind}", CAMERA)
     assert sphere.position is not None
     assert mesh.position is not None
     both = np.asarray(sphere.mask) & np.asarray(mesh.mask)
@@ -52,12 +52,12 @@ def test_a_fine_mesh_of_a_sphere_is_nearly_the_sphere(folder, kind):
 
 
 def test_flat_normals_are_those_of_the_triangles(folder):
-    mesh = ds.read_mesh(folder / "box.ply", CAMERA, smooth=False)
+    mesh = ds.exchange.read_mesh(folder / "box.ply", CAMERA, smooth=False)
     box = ds.intersect(ds.Scene(ds.Object(ds.Box(size=(1, 2, 3)))), CAMERA)
     np.testing.assert_array_equal(mesh.mask, box.mask)
     same = np.isclose(mesh.normal, box.normal, atol=1e-6).all(-1)
     assert same.mean() > 0.99  # at an edge float32 may find the other face
-    smooth = ds.read_mesh(folder / "box.ply", CAMERA)
+    smooth = ds.exchange.read_mesh(folder / "box.ply", CAMERA)
     assert not np.isclose(smooth.normal, box.normal, atol=0.1).all()
 
 
@@ -69,14 +69,14 @@ def test_a_mesh_that_is_none(folder, monkeypatch):
         ("broken.ply", ValueError, r"broken\.ply is no PLY file: it lacks the lines from ply to end_header\."),
     ):
         with pytest.raises(error, match=message) as caught:
-            ds.read_mesh(folder / name, CAMERA)
+            ds.exchange.read_mesh(folder / name, CAMERA)
         assert "\n" not in str(caught.value)
     (folder / "a.off").write_text("OFF")
     for corners, face in ((np.eye(3), [0, 1, 3]), (np.eye(3), [-1, 0, 1])):
         made = SimpleNamespace(vertices=corners, faces=[face])
         monkeypatch.setattr(trimesh, "load_mesh", lambda *_, made=made, **__: made)
         with pytest.raises(ValueError, match=r"a\.off has 3 vertices, and a face names number (4|0)\."):
-            ds.read_mesh(folder / "a.off", CAMERA)
+            ds.exchange.read_mesh(folder / "a.off", CAMERA)
 
 
 def test_without_trimesh(folder, monkeypatch):
@@ -84,4 +84,4 @@ def test_without_trimesh(folder, monkeypatch):
     with pytest.raises(
         ImportError, match=r"ball\.ply without the package trimesh\. Install it: .*'diffshade\[mesh\]'\.$"
     ):
-        ds.read_mesh(folder / "ball.ply", CAMERA)
+        ds.exchange.read_mesh(folder / "ball.ply", CAMERA)

@@ -32,9 +32,9 @@ def test_an_outline_is_found_by_its_edge():
 
 def test_a_ball_in_a_dark_room_is_found_and_so_it_is_as_a_circle():
     pictures = read_dark()[..., None]
-    found = ds.calibrate(pictures, ball="mirror")
+    found = ds.lights.calibrate(pictures, ball="mirror")
     np.testing.assert_allclose([*found.balls[0].middle, found.balls[0].radius], DARK, atol=0.5)
-    given = ds.calibrate(pictures, ball="mirror", circle=DARK)
+    given = ds.lights.calibrate(pictures, ball="mirror", circle=DARK)
     np.testing.assert_allclose([*given.balls[0].middle, given.balls[0].radius], DARK, atol=0.01)
     assert degrees(found.directions, given.directions).max() < 1.0
     assert given.errors.max() < 1.5
@@ -47,8 +47,11 @@ def test_a_dark_ball_is_the_same_at_every_size(size):
     import cv2
 
     pictures = [cv2.resize(of, None, fx=size, fy=size, interpolation=cv2.INTER_AREA) for of in read_dark()]
-    found = ds.calibrate(pictures, ball="mirror")
-    assert degrees(found.directions, ds.calibrate(pictures, ball="mirror", circle=size * DARK).directions).max() < 2.0
+    found = ds.lights.calibrate(pictures, ball="mirror")
+    assert (
+        degrees(found.directions, ds.lights.calibrate(pictures, ball="mirror", circle=size * DARK).directions).max()
+        < 2.0
+    )
 
 
 @pytest.mark.thorough
@@ -68,8 +71,8 @@ def test_a_dark_ball_is_the_same_at_every_size(size):
 def test_a_dark_ball_is_the_same_in_every_crop(crop):
     top, bottom, left, right = crop
     pictures = read_dark()[:, top:bottom, left:right]
-    found = ds.calibrate(pictures[..., None], ball="mirror")
-    given = ds.calibrate(pictures[..., None], ball="mirror", circle=DARK - [left, top, 0.0])
+    found = ds.lights.calibrate(pictures[..., None], ball="mirror")
+    given = ds.lights.calibrate(pictures[..., None], ball="mirror", circle=DARK - [left, top, 0.0])
     assert degrees(found.directions, given.directions).max() < 2.0
 
 
@@ -77,7 +80,7 @@ def found_in(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Return how far the lights of a drawn ball are off, and their errors, degrees; None where it is refused."""
     ball = mirror_ball(kind, seed)
     try:
-        found = ds.calibrate(ball.photographs[..., None], ball="mirror")
+        found = ds.lights.calibrate(ball.photographs[..., None], ball="mirror")
     except ValueError as refused:
         assert "--circle" in str(refused) or "no highlight" in str(refused)  # noqa: PT017
         return None
@@ -103,18 +106,18 @@ def test_drawn_balls_are_right_within_their_errors_or_refused():
 def test_what_has_no_ball_is_refused():
     random = np.random.default_rng(0)
     with pytest.raises(ValueError, match=r"^the ball's outline was not found: .*\(--circle X,Y,R\)[^\n]*$"):
-        ds.calibrate(list(random.uniform(0.0, 0.1, (3, 120, 160))), ball="mirror")
+        ds.lights.calibrate(list(random.uniform(0.0, 0.1, (3, 120, 160))), ball="mirror")
 
 
 @pytest.mark.parametrize("circle", [(1.0, 2.0), (1.0, 2.0, 0.0), (np.nan, 2.0, 3.0)])
 def test_no_circle_is_refused(circle):
     with pytest.raises(ValueError, match="circle must be column, row and radius"):
-        ds.calibrate(np.ones((20, 20)), ball="mirror", circle=circle)
+        ds.lights.calibrate(np.ones((20, 20)), ball="mirror", circle=circle)
 
 
 def test_a_mask_beside_a_circle_is_refused():
     with pytest.raises(ValueError, match="a mask or a circle; got both"):
-        ds.calibrate(np.ones((20, 20)), ball="mirror", circle=(10, 10, 5), mask=np.ones((20, 20)))
+        ds.lights.calibrate(np.ones((20, 20)), ball="mirror", circle=(10, 10, 5), mask=np.ones((20, 20)))
 
 
 def test_what_is_small_is_not_enlarged():

@@ -54,7 +54,7 @@ IN_PLANES = {
 
 def summary(tmp_path, file, text):
     (tmp_path / file).write_text(text)
-    return str(ds.read_lamp(tmp_path / file))
+    return str(ds.lamps.read_lamp(tmp_path / file))
 
 
 @pytest.mark.parametrize(("values", "beam"), AROUND.values(), ids=AROUND)

@@ -34,7 +34,7 @@ def test_an_lrgb_ptm_is_brightness_times_colour(tmp_path, version):
     six, rgb = stored(2, 3, 6), stored(2, 3, 3)
     body = np.concatenate([six, rgb], -1).tobytes() if version == "PTM_1.1" else six.tobytes() + rgb.tobytes()
     (tmp_path / "a.ptm").write_bytes(ptm("LRGB", body, version=version))
-    image = ds.read_rti(tmp_path / "a.ptm")
+    image = ds.exchange.read_rti(tmp_path / "a.ptm")
     assert image.shape == (2, 3)
     for l in TOWARD:
         bright = (SCALE * (six.astype(float) - BIAS)) @ polynomial(l) / 255.0
@@ -45,7 +45,7 @@ def test_an_lrgb_ptm_is_brightness_times_colour(tmp_path, version):
 def test_an_rgb_ptm_has_a_polynomial_for_each_channel(tmp_path):
     of = stored(3, 2, 3, 6)
     (tmp_path / "a.ptm").write_bytes(ptm("RGB", of.tobytes()))
-    image = ds.read_rti(tmp_path / "a.ptm")
+    image = ds.exchange.read_rti(tmp_path / "a.ptm")
     for l in TOWARD:
         expected = np.moveaxis((SCALE * (of.astype(float) - BIAS)) @ polynomial(l) / 255.0, 0, -1)
         np.testing.assert_allclose(image.shade(l), np.maximum(expected, 0.0)[::-1], atol=1e-5)
@@ -84,7 +84,7 @@ def test_hsh_of_both_forms(tmp_path, universal):
         data = b"# a comment\n" + struct.pack("<4i", 3, 2, 3, 3)
         coefficients = first + (second - first) * (of / 255.0)
     (tmp_path / "a.rti").write_bytes(data + first.tobytes() + second.tobytes() + of.tobytes())
-    image = ds.read_rti(tmp_path / "a.rti")
+    image = ds.exchange.read_rti(tmp_path / "a.rti")
     assert image.basis == "hsh"
     np.testing.assert_allclose(image.coefficients, coefficients, atol=1e-6)
     flat = np.maximum(
@@ -113,17 +113,17 @@ def test_what_is_damaged_is_one_sentence(tmp_path, name):
     data, words = BAD[name]
     (tmp_path / name).write_bytes(data)
     with pytest.raises(ValueError, match=words) as caught:
-        ds.read_rti(tmp_path / name)
+        ds.exchange.read_rti(tmp_path / name)
     assert "\n" not in str(caught.value)
 
 
 def test_a_light_behind_the_image_is_refused(tmp_path):
     (tmp_path / "a.ptm").write_bytes(ptm("LRGB", bytes(54)))
-    image = ds.read_rti(tmp_path / "a.ptm")
+    image = ds.exchange.read_rti(tmp_path / "a.ptm")
     with pytest.raises(ValueError, match=r"toward must be three finite numbers with z above 0.* Give for example"):
         image.shade((0, 1, -1))
     with pytest.raises(ValueError, match=r"mask must have the shape of the image, \(2, 3\); got \(3, 2\)"):
-        ds.photographs_of(image, mask=np.ones((3, 2), bool))
+        ds.exchange.photographs_of(image, mask=np.ones((3, 2), bool))
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def folder(tmp_path_factory):
     """Maps without a sharp highlight, and the folders that viewers show."""
     maps, _ = bumpy(32)
     folder = tmp_path_factory.mktemp("rti")
-    return maps, {basis: ds.write_rti(folder / basis, maps, basis=basis) for basis in ("hsh", "ptm")}
+    return maps, {basis: ds.exchange.write_rti(folder / basis, maps, basis=basis) for basis in ("hsh", "ptm")}
 
 
 @pytest.mark.parametrize("viewer", ["OpenLIME", "Relight"])
@@ -176,9 +176,9 @@ def shown_by_rtiviewer(path, light):
 def test_a_ptm_of_maps_comes_back(folder, tmp_path):
     """By RTIViewer's formula and by this library's reader: the right way up, in their colours, as well as is stated."""
     maps, written = folder
-    exported = ds.write_rti(tmp_path / "bumpy.ptm", maps)
+    exported = ds.exchange.write_rti(tmp_path / "bumpy.ptm", maps)
     assert exported.paths == (tmp_path / "bumpy.ptm",)
-    image, inside, off = ds.read_rti(exported.paths[0]), maps.status > 0, []
+    image, inside, off = ds.exchange.read_rti(exported.paths[0]), maps.status > 0, []
     for light in ((0.3, 0.2), (-0.5, 0.1), (0.2, -0.6)):
         l = np.array((*light, np.sqrt(1 - np.hypot(*light) ** 2)))
         seen = shown_by_rtiviewer(exported.paths[0], light)
@@ -191,7 +191,7 @@ def test_a_ptm_of_maps_comes_back(folder, tmp_path):
     assert exported.rms < 1.05 * written["ptm"].rms  # bytes are no worse than JPEG
     assert f"{tmp_path / 'bumpy.ptm'}: under 7 other lights" in str(exported)
     with pytest.raises(ValueError, match=r"bumpy.ptm is a PTM, whose basis is ptm; got 'hsh'. Leave basis out"):
-        ds.write_rti(tmp_path / "bumpy.ptm", maps, basis="hsh")
+        ds.exchange.write_rti(tmp_path / "bumpy.ptm", maps, basis="hsh")
 
 
 @pytest.mark.thorough
@@ -208,8 +208,8 @@ def test_a_fit_starts_from_a_relightable_image(tmp_path, caplog):
         0.45 * normal[..., 2],
     )  # k_d n.l with z nearly 1 - (x^2 + y^2)/2
     flat[..., :2] = -0.22 * normal[..., 2:]
-    image = ds.RelightableImage("ptm", np.repeat(flat[:, :, None], 3, 2))
-    scene, views = ds.photographs_of(image, mask=mask, srgb=False)
+    image = ds.exchange.RelightableImage("ptm", np.repeat(flat[:, :, None], 3, 2))
+    scene, views = ds.exchange.photographs_of(image, mask=mask, srgb=False)
     assert len(views) == 24
     assert "n_s too small" in caplog.text
     maps = ds.fit_texels(scene, views, free=("k_d", "normal"), loss="squares")

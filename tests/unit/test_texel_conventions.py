@@ -99,7 +99,7 @@ def test_nothing_is_determined_of_texels_and_lights_in_other_axes(tmp_path):
     for of in (maps, ds.read_maps(tmp_path / "maps")):
         assert any("with y negated" in note for note in of.notes)
         assert not of.determined.any()
-    found = ds.find_lights(scene, views, light_error=2.0)
+    found = ds.lights.find_lights(scene, views, light_error=2.0)
     assert found.notes == tuple(note for note in maps.notes if "with y negated" in note)
     assert not found.moved.any()
     assert "misfit" not in f"{found}"

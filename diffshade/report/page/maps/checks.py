@@ -43,7 +43,7 @@ def check_maps(
             f"{[n_s for _, n_s in maps.highlights]}. Give maps of ds.fit_texels."
         )
     if heights is not None:
-        check_kind("heights", heights, HeightMap, "ds.integrate_normals(maps.values['normal'], maps.camera)")
+        check_kind("heights", heights, HeightMap, "ds.heights.integrate_normals(maps.values['normal'], maps.camera)")
         if heights.height.shape != shape:
             raise ValueError(
                 f"heights must have the shape of the maps, {shape}; got {heights.height.shape}. Leave them out, or "
