@@ -19,8 +19,17 @@ PATH = click.Path(path_type=Path)
 @click.argument("wanted", metavar="TO...", nargs=-1, required=True, type=PATH)
 @click.option("--name", metavar="NAME", help="One material of FROM  [default: all]")
 @click.option("--tolerance", type=float, help="Of a mesh: merge triangles within so many scene units")
+@click.option("--watertight", is_flag=True, help="Of a mesh: close it by a flat back, to print it")
+@click.option("--brighten", is_flag=True, help="Of a mesh: k_d and k_s times what makes the brightest k_d 1")
 @with_json
-def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: float | None) -> None:
+def convert(
+    given: Path,
+    wanted: tuple[Path, ...],
+    name: str | None,
+    tolerance: float | None,
+    watertight: bool,
+    brighten: bool,
+) -> None:
     """Write materials, or maps, for other programs.
 
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
@@ -34,11 +43,12 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: 
     if given.is_dir():
         if name is not None:
             raise ValueError(f"--name is for files of materials; {given} is a folder of maps. Leave it out.")
-        written: list[Any] = _of_maps(given, wanted, tolerance)
+        written: list[Any] = _of_maps(given, wanted, tolerance, watertight=watertight, brighten=brighten)
         answer(written, {"written": written})
         return
-    if tolerance is not None:
-        raise ValueError(f"--tolerance is for meshes; {given} is no folder of maps. Leave it out.")
+    for option, value in (("tolerance", tolerance is not None), ("watertight", watertight), ("brighten", brighten)):
+        if value:
+            raise ValueError(f"--{option} is for meshes; {given} is no folder of maps. Leave it out.")
     found, written = _of_materials(given, wanted, name)
     several = [f"{path}: {len(found)} materials" for path in wanted if len(found) > 1]
     answer([*written, *several], {"materials": list(found), "written": written})
@@ -55,7 +65,9 @@ def _of_materials(given: Path, wanted: tuple[Path, ...], name: str | None) -> tu
     return found, [put_materials(path, found) for path in wanted]
 
 
-def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) -> list[Any]:
+def _of_maps(
+    folder: Path, wanted: tuple[Path, ...], tolerance: float | None, *, watertight: bool, brighten: bool
+) -> list[Any]:
     """Write the maps of a folder as meshes, as `.ptm`, or as RTI folders where there is no suffix."""
     import diffshade as ds
 
@@ -75,13 +87,13 @@ def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) ->
     heights = integrated(maps) if meshes else None
     with showing("convert") as report_progress:
         report_progress("finding the mesh")
-        mesh = None if heights is None else ds.heights.height_mesh(heights, tolerance=tolerance)
+        mesh = None if heights is None else ds.heights.height_mesh(heights, tolerance=tolerance, watertight=watertight)
         for path in wanted:
             report_progress(f"writing {path.name}")
             if mesh is None or path not in meshes:
                 written.append(ds.exchange.write_rti(path, maps))
             else:
-                written.append(ds.exchange.write_mesh(path, mesh, maps=maps))
+                written.append(ds.exchange.write_mesh(path, mesh, maps=maps, brighten=brighten))
     return written
 
 

@@ -43,7 +43,7 @@ UNSIGNED, FLOAT, ARRAY, ELEMENTS = GltfCode
 
 def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the textures of maps, the material that uses them, and how far it is from the maps."""
-    highlights = highlights_of(maps)
+    highlights = highlights_of(maps, surface.brightness)
     numbers = highlights.at_texels(np.array([_numbers(material) for material in highlights.materials]))
     roughness, head_on, base = np.moveaxis(numbers, -1, 0)
     f0 = np.clip(surface.k_s * head_on[..., None], 0.0, 1.0)
@@ -74,6 +74,7 @@ def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     )
     material: dict[str, Any] = {
         "name": "maps",
+        "doubleSided": True,
         "pbrMetallicRoughness": {"baseColorTexture": "colour", "metallicFactor": 0.0, **factors},
         "normalTexture": "normal",
         "extensions": {
@@ -158,12 +159,14 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": len(arrays) - 1}]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": len(arrays) - 1, "material": 0}]}],
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": len(binary)}],
     }
-    if found is not None:
+    if found is None:
+        document["materials"] = [{"doubleSided": True}]
+    else:
         index = {name: {"index": i} for i, name in enumerate(pictures)}
         document |= {
             "extensionsUsed": list(found.material["extensions"]),
@@ -172,7 +175,6 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
             "images": images,
             "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
         }
-        document["meshes"][0]["primitives"][0]["material"] = 0
     if not packed:
         document["buffers"][0]["uri"] = f"{path.stem}.bin"
         beside = {f"{path.stem}.bin": binary} | {f"{path.stem}_{name}.png": data for name, data in files.items()}

@@ -42,6 +42,18 @@ class MapSurface(NamedTuple):
     normal: Float[np.ndarray, "h w 3"]
     frame: Float[np.ndarray, "h w 3 3"]
     """Tangent, bitangent and normal of the mesh."""
+    brightness: float = 1.0
+    """By which k_d and k_s were multiplied, as lights of this intensity would do."""
+
+    @property
+    def most(self) -> float:
+        """The largest k_d, but for a few texels."""
+        return float(np.percentile(self.k_d[self.inside].max(-1), UNCLIPPED_PERCENT))
+
+    def brightened(self) -> MapSurface:
+        """Return the surface with k_d and k_s multiplied by 1 over the largest k_d, as nothing where all is black."""
+        by = 1.0 / self.most if self.most > 0.0 else 1.0
+        return self._replace(k_d=by * self.k_d, k_s=by * self.k_s, brightness=by)
 
     @property
     def of_mesh(self) -> Float[np.ndarray, "h w 3"]:
@@ -89,7 +101,8 @@ def _frames(mesh: HeightMesh, shape: tuple[int, int]) -> tuple[Float[np.ndarray,
     start, toward = (np.broadcast_to(of, (*shape, 3)).reshape(-1, 3) for of in (rays.start, -rays.toward))
     hits = first_hits(Triangles(mesh.corner, mesh.face), start, toward)
     place = (np.indices(shape).reshape(2, -1).T + 0.5) / shape
-    corner = KDTree(mesh.uv[:, ::-1]).query(place)[1]  # for pixels at the border, whose rays miss
+    ahead = np.flatnonzero(mesh.normal @ camera_axes(mesh.camera)[2] > 0.0)
+    corner = ahead[KDTree(mesh.uv[ahead, ::-1]).query(place)[1]]  # for pixels at the border, whose rays miss
     found = []
     for of in (mesh.normal, mesh.tangent):
         at = of[corner]
@@ -118,12 +131,12 @@ class Highlights(NamedTuple):
         return np.stack([np.interp(self.place, at, column) for column in numbers.T], -1)
 
 
-def highlights_of(maps: TexelMaps) -> Highlights:
+def highlights_of(maps: TexelMaps, brightness: float = 1.0) -> Highlights:
     """Return materials for the one highlight of all texels; or for a few n_s, where every texel has its own."""
     material = maps.scene.objects[0].material
     lobe = material.lobe
     assert isinstance(lobe, AbstractLobe)
-    k_d = maps.values.get("k_d", np.asarray(material.k_d)[None])
+    k_d = brightness * maps.values.get("k_d", np.asarray(material.k_d)[None])
     known = maps.known if maps.known.any() else maps.status != OUTSIDE
     plain: dict[str, Any] = {
         "k_d": float(np.clip(np.median(k_d[known] if k_d.ndim == 3 else k_d), 1e-3, 0.9)),
@@ -204,7 +217,7 @@ def difference(
     axes, off, own, beyond = np.stack(camera_axes(maps.camera)), [], [], []
     plain = dataclasses.replace(maps, unexplained=None)
     for toward in LIGHTS:
-        light = DirectionalLight(-np.asarray(toward) @ axes)
+        light = DirectionalLight(-np.asarray(toward) @ axes, surface.brightness)
         given = maps.shade(light)[surface.inside]
         off.append(shade(np.asarray(toward) / np.linalg.norm(toward))[surface.inside] - given)
         own.append(given)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import check_kind
+from ..core.thresholds import SMALL
 from ..io.files import replacing, writable
 from ..io.image_formats import encode
 from ..model.gbuffers import GBuffer
@@ -66,7 +67,9 @@ class ExportedMesh:
         return "\n".join(f"{self.paths[-1]}: {note}" for note in self.notes)
 
 
-def write_mesh(path: str | Path, mesh: HeightMesh, *, maps: TexelMaps | None = None) -> ExportedMesh:
+def write_mesh(
+    path: str | Path, mesh: HeightMesh, *, maps: TexelMaps | None = None, brighten: bool = False
+) -> ExportedMesh:
     """Write a surface for another program, chosen by the suffix, with its maps as textures.
 
     Highlights are refitted to the other program's formula; the error that remains is measured by computing its picture
@@ -80,6 +83,8 @@ def write_mesh(path: str | Path, mesh: HeightMesh, *, maps: TexelMaps | None = N
             it) or `.ply` (binary; errors as the property `height_error`, colours as k_d in sRGB).
         mesh: The mesh, from `height_mesh`.
         maps: The maps of the same camera; None writes the shape alone.
+        brighten: Multiply k_d and k_s so that 99.5 % of the texels' k_d are at most 1: how bright photographs are
+            depends on their lights and exposures, and so do the maps. A note says the factor. False by default.
 
     Returns:
         The files, the measured difference, and the notes.
@@ -107,6 +112,7 @@ def write_mesh(path: str | Path, mesh: HeightMesh, *, maps: TexelMaps | None = N
     notes, surface, found = [f"{mesh}."], None, None
     if maps is not None:
         surface = surface_of(maps, mesh)
+        surface = surface.brightened() if brighten else surface
         notes += _notes_on_maps(maps, surface)
     if suffix == ".ply":
         return ExportedMesh((_write_ply(path, mesh, surface, notes),), None, tuple(notes))
@@ -134,10 +140,17 @@ def _notes_on_maps(maps: TexelMaps, surface: MapSurface) -> list[str]:
     if np.any(maps.values.get("k_a", np.asarray(maps.scene.objects[0].material.k_a))):
         notes.append("a mesh has no ambient reflection: k_a is not written.")
     k_d = surface.k_d[surface.inside]
+    if surface.brightness != 1.0:
+        notes.append(f"k_d and k_s are those of the maps times {surface.brightness:.3g}: the largest k_d is about 1.")
+    elif 0.0 < surface.most < SMALL:
+        notes.append(
+            f"k_d is at most {surface.most:.2g}, so that the mesh is dark under a light of 1. With brighten=True "
+            f"(--brighten) k_d and k_s are multiplied by {1.0 / surface.most:.3g}."
+        )
     if (above := float(np.mean((k_d > 1.0).any(-1)))) > 0.0:
         notes.append(
             f"k_d is above 1 at {above:.2g} of the texels, and is written as 1 there, the most that pictures hold; its "
-            f"largest is {k_d.max():.3g}. In a fit to lights as many times as bright it is at most 1."
+            f"largest is {k_d.max():.3g}. With brighten=True (--brighten) it is at most 1 at nearly all."
         )
     return notes
 
@@ -210,7 +223,7 @@ def _mtl_textures(maps: TexelMaps, surface: MapSurface) -> Textures:
         refit = with_lobe(material, Blinn(), highest_n_s=MAX_N_S).material
         return float(np.mean(np.asarray(refit.n_s))), float(np.mean(refit.k_s)) / GREY
 
-    highlights = highlights_of(maps)
+    highlights = highlights_of(maps, surface.brightness)
     found = highlights.at_texels(np.array([numbers(material) for material in highlights.materials]))
     n_s, scale = np.moveaxis(found, -1, 0)
     k_s = surface.k_s * scale[..., None]

@@ -31,6 +31,9 @@ from .threejs import fresnel
 SAMPLING = {"mapping": 300, "wrap": [1001, 1001], "minFilter": 1008, "magFilter": 1006}
 
 
+TWO_SIDED = {"side": 2}  # three.js's constant
+
+
 class PhongHighlight(NamedTuple):
     """The highlight of a MeshPhongMaterial with maps."""
 
@@ -41,7 +44,7 @@ class PhongHighlight(NamedTuple):
 
 def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the textures of maps, the material that uses them, and how far it is from the maps."""
-    n_s, size = _highlight(maps)
+    n_s, size = _highlight(maps, surface.brightness)
     k = surface.k_s * size[..., None]
     mean = k[surface.inside].mean(0)
     hue = mean / max(float(mean.max()), 1e-9) if mean.any() else np.ones(3)
@@ -59,6 +62,7 @@ def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     material = {
         "type": "MeshPhongMaterial",
         "name": "maps",
+        **TWO_SIDED,
         "color": 0xFFFFFF,
         "specular": specular,
         "shininess": n_s,
@@ -78,9 +82,9 @@ def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     return Textures(pictures, material, difference(maps, surface, shade))
 
 
-def _highlight(maps: TexelMaps) -> PhongHighlight:
+def _highlight(maps: TexelMaps, brightness: float) -> PhongHighlight:
     """Return the one shininess, and the size of its highlight at each texel, nearest to the highlights of maps."""
-    highlights = highlights_of(maps)
+    highlights = highlights_of(maps, brightness)
     each = [reference_of(material) for material in highlights.materials]
     points = Reference(*(np.concatenate([getattr(of, name) for of in each]) for name in ("n", "l")))
     diffuse = points.n_l[:, None]
@@ -103,7 +107,9 @@ def _highlight(maps: TexelMaps) -> PhongHighlight:
 
 def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:
     """Write the JSON, and pictures beside it; return the paths."""
-    pictures, material = ({}, {"type": "MeshPhongMaterial"}) if found is None else (found.pictures, found.material)
+    pictures, material = (
+        ({}, {"type": "MeshPhongMaterial", **TWO_SIDED}) if found is None else (found.pictures, found.material)
+    )
     written = []
     for name, picture in pictures.items():
         written.append(path.with_name(f"{path.stem}_{name}.png"))

@@ -21,13 +21,24 @@ class Triangles(NamedTuple):
 
     @property
     def normals(self) -> Points:
-        """Unit normals at the corners: means of those of the triangles around them, weighted by area."""
-        a, b, c = np.moveaxis(self.corner[self.face], 1, 0)
-        across = np.cross(b - a, c - a)
-        total = np.stack(
-            [np.bincount(self.face.ravel(), np.repeat(across[:, k], 3), len(self.corner)) for k in range(3)], -1
-        )
-        return unit(total)
+        """Unit normals at the corners: means over the triangles around, weighted by their angles there.
+
+        So a tall wall counts no more than a low one, and a strip as much as the surface beside it.
+        """
+        point = self.corner[self.face]
+        side = unit(np.roll(point, -1, axis=1) - point)
+        flat = unit(np.cross(point[:, 1] - point[:, 0], point[:, 2] - point[:, 0]))
+        angle = np.arccos(np.clip(-(side * np.roll(side, 1, axis=1)).sum(-1), -1.0, 1.0))
+        turned = (angle[..., None] * flat[:, None]).reshape(-1, 3)
+        return unit(np.stack([np.bincount(self.face.ravel(), of, len(self.corner)) for of in turned.T], -1))
+
+    @property
+    def closed(self) -> bool:
+        """Whether each edge belongs to two triangles, in opposite directions: whether the mesh is watertight."""
+        start, end = self.face.ravel().astype(np.int64), np.roll(self.face, -1, axis=1).ravel()
+        count = len(self.corner)
+        there, back = np.sort(start * count + end), np.sort(end * count + start)
+        return bool((there == back).all() and (np.diff(there) > 0).all())
 
     def used(self) -> tuple[Triangles, Int[np.ndarray, " kept"]]:
         """Return the mesh without corners of no triangle, and the indices of those that are kept."""

@@ -6,7 +6,8 @@ their corners. A corner stands on its line of sight, at the distance d of the le
     sum ((n . (S - d t - P))^2 + HOLD^2 (d - d_P)^2)
 
 over the pixels that share it. The second term, d_P the distance of their points, decides only at the border, where a
-plane seen from its edge would leave the surface. From there `facets` moves all corners together.
+plane seen from its edge would leave the surface. From there `facets` moves all corners together, and `closing` smooths
+rims, places parts and joins what jumps separate.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
-from ...core.thresholds import SMALL
+from ...core.thresholds import MINOR, SMALL
+from .closing import corners_of_all, placed, smoothed_rims, walls
 from .differences import rays_of
 from .facets import Facets, refined
 from .map import HeightMap
@@ -30,13 +32,15 @@ class Corners(NamedTuple):
 
     position: Float[np.ndarray, "n 3"]
     errors: Float[np.ndarray, " n"]
-    """Means of the standard errors of the pixels that share them, scene units."""
+    """Means of the standard errors of the pixels that share them, scene units; infinite at the back."""
     of_pixel: Int[np.ndarray, "pixels 4"]
     """Top left, top right, bottom left, bottom right."""
+    face: Int[np.ndarray, "faces 3"]
+    """The two triangles of each pixel, then those that close the surface."""
 
 
-def corners_of(heights: HeightMap) -> Corners:
-    """Return the corners of the pixels of heights."""
+def corners_of(heights: HeightMap, *, back: bool = False) -> Corners:
+    """Return the corners of the pixels of heights and their triangles; `back` closes the surface to a solid."""
     inside = heights.mask
     owner = _shared(heights)
     count = int(owner.max()) + 1
@@ -60,7 +64,28 @@ def corners_of(heights: HeightMap) -> Corners:
     line = np.zeros(count, int)
     line[owner] = at
     errors = total(np.broadcast_to(heights.errors[inside][:, None], owner.shape)) / np.bincount(owner.ravel())
-    return Corners(start[line] - d[:, None] * toward[line], errors, owner)
+    squares = np.full((shape[0] + 1, shape[1] + 1, 4), -1)
+    within = np.pad(inside, 1)
+    squares[within] = owner
+    d = smoothed_rims(d, squares, owner, cosine)
+    moved = placed(d if rays.parallel else np.log(d), squares, np.pad(heights.part, 1, constant_values=-1))
+    by = np.zeros(count)
+    by[owner] = moved[heights.part[inside]][:, None]
+    d = d + by if rays.parallel else d * np.exp(by)
+    place = np.stack([line, d.astype(np.float32)], -1)  # parts that were placed meet somewhere exactly
+    _, first, same = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    owner, line, d, errors = same.ravel()[owner], line[first], d[first], errors[first]
+    squares[within] = owner
+    face = owner[:, [[0, 2, 1], [1, 2, 3]]].reshape(-1, 3)
+    if back:
+        behind = len(d) + corners_of_all(shape)
+        squares = np.where(within[..., None], squares, behind)
+        face = np.concatenate([face, behind[within][:, [[0, 1, 2], [1, 3, 2]]].reshape(-1, 3)])
+        deep = d.max() + MINOR * np.linalg.norm(size)
+        line, d = np.append(line, np.arange(len(start))), np.append(d, np.full(len(start), deep))
+        errors = np.append(errors, np.full(len(start), np.inf))
+    face = np.concatenate([face, walls(squares, ends=back)])
+    return Corners(start[line] - d[:, None] * toward[line], errors, owner, face)
 
 
 def _shared(heights: HeightMap) -> Int[np.ndarray, "pixels 4"]:

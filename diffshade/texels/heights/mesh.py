@@ -14,6 +14,7 @@ from ...model.cameras import AbstractCamera, axes
 from .corners import corners_of
 from .differences import rays_of
 from .map import HeightMap
+from .regions import connected
 
 MIN_TRIANGLES, TRIALS = 16, 7  # triangles that are left; numbers of triangles that are tried
 
@@ -58,10 +59,15 @@ class HeightMesh:
         )
 
 
-def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> HeightMesh:
-    """Return heights as a mesh of two triangles a pixel, none of them across a jump.
+def height_mesh(heights: HeightMap, *, tolerance: float | None = None, watertight: bool = False) -> HeightMesh:
+    """Return heights as a mesh of two triangles a pixel, and of walls where the height jumps.
 
-    Its corners are those of the pixels, and all of them are moved so that each pixel's two triangles face along its own
+    A turned surface is therefore whole. Walls are along the lines of sight, between the corners of two neighbours that
+    a jump separates. Parts whose relative heights are not determined stand where the median of the seam to their
+    neighbours has no jump: an assumption, which `errors` do not contain. The corners of a rim are smooth along it, the
+    more the surface turns away there.
+
+    The other corners are those of the pixels, all moved so that each pixel's two triangles face along its own
     normal, which triangles between the centres of pixels, of four normals each, do not. Where the normals contradict a
     continuous surface, as at a crease, few pixels miss theirs (Huber's loss); where they are noisier than the surface
     is twisted, they are smoothed. Texels whose error is infinite are left out where others are finite: parts of few
@@ -76,6 +82,8 @@ def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> Height
         heights: The heights.
         tolerance: Largest distance from the mesh of all triangles, scene units, above 0; None, the default, keeps all
             triangles.
+        watertight: Close the mesh by a flat back, a twentieth of the object's width behind its deepest point, as a
+            printer needs it; False by default.
 
     Returns:
         The mesh. Its normals are those of the triangles; `write_mesh` adds the measured ones as a map.
@@ -88,37 +96,41 @@ def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> Height
     check_kind("heights", heights, HeightMap, "integrate_normals(normal, camera)")
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise ValueError(f"tolerance must be above 0 scene units; got {tolerance}. Leave it out to keep all triangles.")
-    floating = heights.mask & np.isinf(heights.errors)
-    if floating.sum() < heights.mask.sum():
-        heights = replace(heights, part=np.where(floating, -1, heights.part))
-    corner, errors, of_pixel = corners_of(heights)
-    whole = Triangles(corner, of_pixel[:, [[0, 2, 1], [1, 2, 3]]].reshape(-1, 3))
-    mesh, largest = (whole, 0.0) if tolerance is None else _fewest(whole, of_pixel, heights, float(tolerance))
-    place = pixels_of(mesh.corner, heights.camera)
-    shape = np.asarray(heights.camera.shape)
+    heights = _without_specks(heights)
+    found = corners_of(heights, back=watertight)
+    whole, kept = Triangles(found.position, found.face).used()
+    middle = found.position[found.of_pixel[:, 1:3]].mean(1)  # of each pixel, where its two triangles meet
+    mesh, largest = (whole, 0.0) if tolerance is None else _fewest(whole, middle, heights, float(tolerance))
+    place, normal = pixels_of(mesh.corner, heights.camera), mesh.normals
+    shape, errors = np.asarray(heights.camera.shape), found.errors[kept]
     if mesh is not whole:
         row, column = np.clip(place.astype(int), 0, shape - 1).T
-        errors = _spread(heights)[row, column]
-    return HeightMesh(
-        mesh.corner, mesh.face, mesh.normals, place[:, ::-1] / shape[::-1], errors, heights.camera, largest
-    )
+        errors = np.where(normal @ camera_axes(heights.camera)[2] > 0.0, _spread(heights)[row, column], np.inf)
+    return HeightMesh(mesh.corner, mesh.face, normal, place[:, ::-1] / shape[::-1], errors, heights.camera, largest)
+
+
+def _without_specks(heights: HeightMap) -> HeightMap:
+    """Return heights without texels whose error is infinite and which touch no others, where there are others."""
+    region, lost = connected(heights.mask), heights.mask & np.isinf(heights.errors)
+    joined = np.unique(region[heights.mask & ~lost])
+    specks = lost & ~np.isin(region, joined) if len(joined) else np.zeros_like(lost)
+    return replace(heights, part=np.where(specks, -1, heights.part))
 
 
 def _fewest(
-    whole: Triangles, of_pixel: Int[np.ndarray, "pixels 4"], heights: HeightMap, tolerance: float
+    whole: Triangles, middle: Float[np.ndarray, "pixels 3"], heights: HeightMap, tolerance: float
 ) -> tuple[Triangles, float]:
     """Return the fewest triangles within the tolerance, and their largest distance from all of them.
 
     The number of triangles is found by bisection of its logarithm.
     """
-    middle = whole.corner[of_pixel[:, 1:3]].mean(1)  # of each pixel, where its two triangles meet
     low, high = np.log(MIN_TRIANGLES), np.log(max(len(whole.face), MIN_TRIANGLES + 1))
     best = (whole, 0.0)
     for _ in range(TRIALS):
         trial = 0.5 * (low + high)
         mesh = simplified(whole, int(np.exp(trial)))
         largest = _distance(mesh, middle, heights)
-        if largest <= tolerance:
+        if largest <= tolerance and (mesh.closed or not whole.closed):
             best, high = (mesh, largest), trial
         else:
             low = trial
