@@ -46,7 +46,8 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
     Adobe RGB's, become those of sRGB, and may be below 0 there. Other profiles are not used, and the logger "diffshade"
     warns of them. Radiance is divided by its EXPOSURE, and PFM multiplied by its factor. The picture is turned upright
     as EXIF or TIFF states. RAW files (`pip install 'diffshade[raw]'`): black is taken off, 1 is where the sensor is
-    full, and the colours are the camera's own, without white balance. HEIC needs `pip install 'diffshade[heic]'`.
+    full, and the colours are the camera's own, without white balance. HEIC needs `pip install 'diffshade[heic]'`,
+    EXR `'diffshade[exr]'`, and PNG and TIFF of more than 8 bits and HDR `'diffshade[photographs]'`.
 
     Args:
         path: The image file.
