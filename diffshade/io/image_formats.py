@@ -1,4 +1,4 @@
-"""Image formats: bytes to numbers and back. The only module that knows Pillow's pixels and OpenEXR's.
+"""Image formats: bytes to numbers and back. The only module that knows imageio, Pillow's pixels and OpenEXR.
 
 Pillow reads and writes files of 8 bits, and OpenCV the others: Pillow silently drops the low byte of 16-bit RGB, and
 OpenCV premultiplies the alpha of 8-bit TIFF and returns grey + alpha as RGBA. Neither scales PPM of more than 8 bits by
@@ -84,7 +84,7 @@ def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
     tags, *more = check_tiff(data)
     bits, number, channels, photometric, planar = (tags.get(tag, (1,))[0] for tag in (258, 339, 277, 262, 284))
     if more and (bits, number) in ((8, 1), (16, 1), (32, 3)):
-        return np.moveaxis(_decode_with_opencv(path, 1 + len(more)), 0, -1)
+        return np.moveaxis(_decode_with_opencv(path, page=...), 0, -1)
     if bits <= 8 and not more:
         return _decode_with_pillow("TIFF", path, data)
     # OpenCV silently returns wrong pixels for other layouts.
@@ -151,35 +151,30 @@ def _decode_radiance(path: Path, data: bytes) -> np.ndarray:
 
 
 def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
+    import imageio.v3 as iio
     from PIL import Image
 
     try:
         with Image.open(io.BytesIO(data), formats=(name,)) as image:
             check_pixels(name, image.size, data)
-            if image.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
-                raise UnsupportedError(f"has pixels of the kind {image.mode}. Save it as grey or RGB.")
-            colours = "L" if image.mode in ("1", "L", "LA") else "RGB"
-            with warnings.catch_warnings():  # about damaged EXIF
-                warnings.simplefilter("ignore", UserWarning)
-                return np.asarray(image.convert(colours + ("A" if image.has_transparency_data else "")))
+            mode, alpha = image.mode, "A" if image.has_transparency_data else ""
     except Image.DecompressionBombError:
         raise UnsupportedError("has more than 178 million pixels. Save it smaller, or with 16 bits.") from None
+    if mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
+        raise UnsupportedError(f"has pixels of the kind {mode}. Save it as grey or RGB.")
+    mode = ("L" if mode in ("1", "L", "LA") else "RGB") + alpha
+    with warnings.catch_warnings():  # about damaged EXIF
+        warnings.simplefilter("ignore", UserWarning)
+        return iio.imread(path, plugin="pillow", index=0, mode=mode)
 
 
-def _decode_with_opencv(path: Path, pages: int = 1) -> np.ndarray:
-    """Decode the first page of a file or, stacked, so many."""
-    with needing("photographs", f"cannot read {path}"):
-        import cv2
+def _decode_with_opencv(path: Path, page: Any = 0) -> np.ndarray:
+    """Decode one page of a file or, with `...`, all."""
+    import imageio.v3 as iio
+
+    check_extra("photographs", f"cannot read {path}", "cv2")
     with _quiet_opencv():
-        read, found = cv2.imreadmulti(str(path), start=0, count=pages, flags=cv2.IMREAD_UNCHANGED)
-    if not read:
-        raise ValueError
-    return _reversed(found[0]) if pages == 1 else np.stack([_reversed(page) for page in found])
-
-
-def _reversed(pixels: np.ndarray) -> np.ndarray:
-    """Return RGB as BGR, the order of OpenCV, or back; grey and alpha stay as they are."""
-    return pixels if pixels.ndim == 2 or pixels.shape[-1] == 1 else pixels[..., [2, 1, 0, 3][: pixels.shape[-1]]]
+        return iio.imread(path, plugin="opencv", index=page, flags=-1)  # without the flag it returns 8 bits
 
 
 @contextmanager
@@ -231,38 +226,27 @@ def _save_exr(path: Path, pixels: np.ndarray) -> None:
 
 def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     """Return pixels encoded as a file, of bands a page for each; `quality` is for JPEG."""
+    import imageio.v3 as iio
+
     name = FORMATS[suffix].name
     if pixels.dtype != np.uint8 or pixels.shape[-1] > 4:
-        return _encode_with_opencv(name, suffix, pixels)
-    from PIL import Image
-
-    options = {
-        "JPEG": {"quality": quality, "subsampling": 0},
-        "TIFF": {"compression": "tiff_adobe_deflate"},
-        "WEBP": {"lossless": True, "exact": True},  # exact: colours under alpha 0 are kept
-    }.get(name, {})
-    file = io.BytesIO()
-    image = Image.fromarray(pixels[..., 0] if pixels.shape[-1] == 1 else pixels)
-    image.save(file, {"PGM": "PPM"}.get(name, name), **options)
-    return file.getvalue()
-
-
-def _encode_with_opencv(name: str, suffix: str, pixels: np.ndarray) -> bytes:
-    with needing("photographs", f"cannot write {suffix} of {pixels.dtype}, channels {pixels.shape[-1]},"):
-        import cv2
-
+        check_extra("photographs", f"cannot write {suffix} of {pixels.dtype}, channels {pixels.shape[-1]},", "cv2")
     if name == "HDR":
         pixels = _rounded_to_rgbe(np.broadcast_to(pixels, (*pixels.shape[:2], 3)))
-    params = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_ADOBE_DEFLATE] if name == "TIFF" else []
-    if pixels.shape[-1] in (1, 3, 4):
-        if pixels.shape[-1] == 1 and suffix == ".ppm":
-            suffix = ".pgm"
-        pages = [np.ascontiguousarray(_reversed(pixels))]
+    if pixels.shape[-1] > 4 or (name == "TIFF" and pixels.shape[-1] == 2 and pixels.dtype != np.uint8):
+        pages = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
+        return iio.imwrite("<bytes>", pages, extension=suffix, plugin="opencv", is_batch=True, params=[259, 8])
+    if pixels.shape[-1] == 1:
+        pixels, suffix = pixels[..., 0], ".pgm" if suffix == ".ppm" else suffix
+    if pixels.dtype == np.uint8:
+        options = {"plugin": "pillow", "is_batch": False} | {
+            "JPEG": {"quality": quality, "subsampling": 0},
+            "TIFF": {"compression": "tiff_adobe_deflate"},
+            "WEBP": {"lossless": True, "exact": True},  # exact: colours under alpha 0 are kept
+        }.get(name, {})
     else:
-        pages = list(np.ascontiguousarray(np.moveaxis(pixels, -1, 0)))
-    written, data = cv2.imencodemulti(suffix, pages, params)
-    assert written
-    return data.tobytes()
+        options = {"plugin": "opencv", "params": [259, 8] if name == "TIFF" else None}  # Compression: deflate
+    return iio.imwrite("<bytes>", pixels, extension=suffix, **options)
 
 
 def _rounded_to_rgbe(pixels: np.ndarray) -> np.ndarray:

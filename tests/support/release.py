@@ -74,7 +74,7 @@ assert ds.exchange.read_mesh("ball.ply", camera).mask.any()
 """,
     "notebooks": "import ipykernel, ipywidgets, jupyterlab, matplotlib, nbclient, PIL, trimesh, cv2, pyamg",
     "docs": "import pdoc, latex2mathml.converter",
-    "test": "import pytest, hypothesis, beartype, selenium, xdist, imageio",
+    "test": "import pytest, hypothesis, beartype, selenium, xdist",
     "dev": "import nbconvert",
 }
 

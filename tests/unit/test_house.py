@@ -71,6 +71,7 @@ ONLY_IN = {
     "optimistix": "inverse.solve",
     "click": "cli",
     "OpenEXR": "io",
+    "imageio": "io",
     "jinja2": "report",
     "matplotlib": "report",
     "optax": "texels",
