@@ -134,6 +134,7 @@ def test_exposure_and_black_of_two_views_are_found_where_the_third_is_known():
     assert np.abs((off.values - wanted(off)) / off.plain_errors).max() < 4.5
 
 
+@pytest.mark.thorough
 def test_exposures_of_all_views_with_the_whole_material_are_a_gauge_named_in_words():
     views = [ds.View(image, CAMERA, lit=i, black=BLACKS[i]) for i, image in enumerate(taken())]
     fit = ds.fit(forget(three_lights()), views, free=(*OF_MATERIAL, "exposure"))

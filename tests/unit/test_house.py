@@ -12,6 +12,7 @@ import pytest
 from public_names import PUBLIC, TOP
 
 import diffshade as ds
+from diffshade import extension
 from tests.support import count_code, mutants
 
 ROOT = Path(ds.__file__).parent
@@ -232,3 +233,29 @@ def test_optional_arguments_are_keyword_only():
         parameters = inspect.signature(PUBLIC[name]).parameters.values()
         optional = [p.name for p in parameters if p.default is not p.empty and p.kind is not p.KEYWORD_ONLY]
         assert optional == [], name
+
+
+# What the rooms above the library use of it beyond public names and classes, `core` and `io`: the less the better.
+INNER = {
+    "cli": "FIGURES NORMALS SHOWN axes center_of check_folder check_format check_page check_suffix draw_mask find_mask "
+    "identifiers light_on_plane list_folder photograph_files printable project read_directions read_folder segments_of "
+    "write_photographs",
+    "exchange": "COUNT INDEX OUTSIDE UNCLIPPED_PERCENT VAGUE camera_axes check_rgb dome rays_of reflectance",
+    "report": "OUTSIDE STATUS angular_attenuation axes bend developed heights_within is_grey lights_on of_channels "
+    "plane reflectance refract relative_error select visible_points wavelength",
+}
+
+
+@pytest.mark.parametrize("room", INNER)
+def test_rooms_above_the_library_use_public_names(room):
+    public = {*PUBLIC, *extension.__all__}
+    used = set()
+    for file in (ROOT / room).rglob("*.py"):
+        package = file.relative_to(ROOT).parts[:-1]
+        for node in ast.walk(count_code.parsed(file)):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                home = (*package[: len(package) - node.level + 1], *(node.module or "").split("."))
+                if home[0] not in (room, "core", "io", ""):
+                    used |= {alias.name for alias in node.names}
+    functions = {name for name in used - public if not re.match(r"[A-Z][a-z]", name)}  # not classes, for annotations
+    assert functions == set(INNER[room].split())

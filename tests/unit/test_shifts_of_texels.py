@@ -30,7 +30,8 @@ def found_in(scene, views):
         return undone_shifts(scene, views, ViewReader(scene, views).sample(2048))
 
 
-@pytest.mark.parametrize("material", ["matte", pytest.param("two", marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("material", ["matte", "two"])
 def test_photographs_that_moved_are_moved_back(material):
     random = np.random.default_rng(3)
     of = bumpy(material, 12, 60.0, off=1.0, cast=True)
@@ -53,6 +54,7 @@ def test_right_photographs_are_left_as_they_are(material):
     assert found_in(of.scene, of.views) == (of.views, None, ())
 
 
+@pytest.mark.thorough
 def test_one_that_moved_leaves_the_others():
     of = bumpy("texture", 12, 60.0)
     by = np.zeros((12, 2))
