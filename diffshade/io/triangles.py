@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,12 +75,12 @@ def simplified(mesh: Triangles, count: int) -> Triangles:
 
 
 def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
-    """Return where rays first meet a mesh, by Embree in float32.
+    """Return where rays first meet a mesh, as `tracer` does."""
+    return tracer(mesh)(start, toward)
 
-    Args:
-        mesh: The mesh.
-        start: Origins of the rays.
-        toward: Their directions.
+
+def tracer(mesh: Triangles) -> Callable[[Points, Points], Hits]:
+    """Return what tells where rays, of these origins and directions, first meet a mesh, by Embree in float32.
 
     Raises:
         ImportError: trimesh or embreex is not installed.
@@ -88,7 +89,11 @@ def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
         import trimesh
         from trimesh.ray.ray_pyembree import RayMeshIntersector
     whole = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
-    hits: Any = RayMeshIntersector(whole).intersects_id(start, toward, return_locations=True, multiple_hits=False)
-    face, ray, point = (np.asarray(of) for of in hits)
-    weight = trimesh.triangles.points_to_barycentric(whole.triangles[face], point)
-    return Hits(ray, face, weight, point)
+    tree = RayMeshIntersector(whole)
+
+    def hits(start: Points, toward: Points) -> Hits:
+        found: Any = tree.intersects_id(start, toward, return_locations=True, multiple_hits=False)
+        face, ray, point = (np.asarray(of) for of in found)
+        return Hits(ray, face, trimesh.triangles.points_to_barycentric(whole.triangles[face], point), point)
+
+    return hits

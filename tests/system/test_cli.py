@@ -271,9 +271,24 @@ def test_meshes_are_shaded_by_their_own_normals(typed, caplog):
 def test_a_render_is_the_librarys(typed):
     done = typed("render", "ball.toml", "--lit", "0,2", "--exposure", "0.5", "-o", "out.exr")
     assert (done.status, done.err) == (0, "")
-    expected = 0.5 * np.asarray(ds.render(ds.read_scene("ball.toml"), ds.read_camera("ball.toml"), lit=(0, 2)))
+    scene, camera = ds.read_scene("ball.toml"), ds.read_camera("ball.toml")
+    expected = 0.5 * np.asarray(ds.render(scene, camera, lit=(0, 2), samples=4))
     np.testing.assert_allclose(ds.read_image("out.exr"), expected, atol=1e-6)
     assert f"radiance 0 to {expected.max():.3g}" in done.out
+
+
+def test_one_ray_a_pixel_and_an_exposure_that_is_found(typed):
+    done = typed("render", "ball.toml", "--samples", "1", "--exposure", "auto", "-o", "auto.exr")
+    assert (done.status, done.err) == (0, "")
+    radiance = np.asarray(ds.render(ds.read_scene("ball.toml"), ds.read_camera("ball.toml")))
+    found = ds.read_image("auto.exr")
+    factor = found.sum() / radiance.sum()
+    np.testing.assert_allclose(found, factor * radiance, rtol=1e-5, atol=1e-7)
+    lit = found.max(-1)[found.max(-1) > 0]
+    assert np.mean(lit > 1.0) == pytest.approx(0.005, abs=1.0 / lit.size)
+    assert f"exposure {factor:.4g}: 99.5 % of the pixels" in done.out
+    told = typed("render", "ball.toml", "--samples", "1", "--exposure", "auto", "-o", "auto.png", "--json").told
+    assert told["exposure"] == pytest.approx(factor)
 
 
 def test_a_fit_prints_its_table_and_writes_scene_and_materials(typed):
@@ -448,6 +463,7 @@ def test_texels(typed):
     assert not Path("none.png").exists()
     pytest.importorskip("trimesh")
     assert "triangles" in typed("convert", "maps", "relief.ply").out
+    assert "triangles" in typed("convert", "maps", "solid.ply", "--watertight", "--brighten").out
     assert "HSH of 9 terms" in typed("convert", "maps", "viewer").out
     assert "relief.ptm: PTM of 6 terms" in typed("convert", "maps", "relief.ptm").out
     assert Path("viewer/info.json").is_file()
@@ -607,6 +623,8 @@ BAD = {
     "a photograph for a scene": (["fit", "0.exr", "1.exr"], "0.exr is neither"),
     "a picture larger than any": (["render", "ball.toml", "--size", "100000x100000"], "10,000,000,000 pixels"),
     "an exposure below 0": (["render", "ball.toml", "--exposure", "-1"], "--exposure must be above 0"),
+    "an exposure that is a word": (["render", "ball.toml", "--exposure", "bright"], "a number or auto; got 'bright'"),
+    "no samples": (["render", "ball.toml", "--samples", "0"], "x>=1"),
     "an exposure that is not finite": (["render", "ball.toml", "--exposure", "inf"], "--exposure must be above 0"),
     "bits that no PNG has": (["render", "ball.toml", "--bits", "9"], "9"),
     "the scene for the picture": (["fit", "ball.toml", "0.exr", "--lit", "0", "-o", "ball.toml"], "is an input file"),
