@@ -224,12 +224,16 @@ def test_meshes_are_drawn_as_their_formats_define_them(typed):
     for name, (text, material) in files.items():
         Path(f"{name}.obj").write_text(text, encoding="utf-8")
         words = ("render", f"{name}.obj", "--material", material, "--size", "32x32", "-o", f"{name}.exr")
-        assert typed(*words).status == 0
+        assert typed(*words, "--samples", "1").status == 0
         lit[name] = int((ds.read_image(f"{name}.exr").max(-1) > 0).sum())
     assert (lit["wall"], lit["card"]) == pytest.approx((279, 196), abs=3)
+    assert typed("render", "wall.obj", "--material", "emerald", "--size", "32x32", "-o", "smooth.exr").status == 0
+    one, smooth = (ds.read_image(f"{name}.exr").max(-1) for name in ("wall", "smooth"))
+    assert smooth.sum() == pytest.approx(one.sum(), rel=0.03)
+    assert ((smooth > 0) & (smooth < 0.8 * one.max()) & (one == 0)).sum() > 20  # edges that are partly covered
     assert lit["absolute"] == lit["relative"] == lit["tabs"] == lit["one"] > 150
     Path("plain.obj").write_text(mesh_files.NOTCH.replace("f 1 2 3 4 5", "f 1 2 4\nf 2 3 4\nf 1 4 5"))
-    typed("render", "plain.obj", "--material", "emerald", "--size", "32x32", "-o", "plain.exr")
+    typed("render", "plain.obj", "--material", "emerald", "--size", "32x32", "--samples", "1", "-o", "plain.exr")
     np.testing.assert_allclose(ds.read_image("plain.exr"), ds.read_image("notch.exr"), atol=1e-6)
     points = [(mesh_files.POINTS.astype("<f4"), "VEC3"), (np.array([0, 1, 2, 3], "<u1"), "SCALAR")]
     row = {"attributes": {"POSITION": 0}, "indices": 1, "mode": 6}
