@@ -9,9 +9,9 @@ from typing import Any
 import click
 
 from .maps import divided
-from .pictures import check_picture, put_picture
+from .pictures import EXPOSURE, check_picture, put_picture
 from .sources import Options
-from .terminal import FILE, FOLDER, SETTINGS, answer, with_json
+from .terminal import FILE, FOLDER, SETTINGS, Exposure, answer, with_json
 
 # options that maps do not use
 OF_FITS = ("free", "tied", "grey", "bounds", "loss", "noise", "light_error", "intensity_error", "lobe")
@@ -54,7 +54,7 @@ class TowardLight(click.ParamType):
 )
 @click.option("--lights", type=FILE, help="Scene (.toml) whose lights are on")
 @click.option("-o", "--out", type=FILE, required=True, help=".png .jpg .tif .exr .npy .tga")
-@click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
+@click.option("--exposure", type=Exposure(), default=1.0, metavar="X|auto", help=EXPOSURE)
 @click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
 @with_json
 def relight(
@@ -62,7 +62,7 @@ def relight(
     toward: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...],
     lights: Path | None,
     out: Path,
-    exposure: float,
+    exposure: float | str,
     srgb: bool | None,
 ) -> None:
     """Draw the object of MAPS (see texels) under other lights.
@@ -82,8 +82,8 @@ def relight(
     if not on:
         raise ValueError("relight needs a light; got none. Give for example --light 1,1,2, the direction toward it.")
     with showing("relight"):
-        image = ds.read_maps(maps).shade(on) * exposure
-    put_picture(out, image, srgb=srgb)
+        image = ds.read_maps(maps).shade(on)
+    put_picture(out, image, exposure, srgb=srgb)
 
 
 def is_maps(source: Path) -> bool:

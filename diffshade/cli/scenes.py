@@ -10,11 +10,14 @@ import click
 from click.shell_completion import CompletionItem
 
 from .materials import find_material, find_materials, put_material
-from .pictures import check_holds_bands, check_picture, put_picture
-from .terminal import FILE, FOLDER, SETTINGS, Names, OneOf, Size, answer, completions, with_json
+from .pictures import EXPOSURE, check_holds_bands, check_picture, put_picture
+from .terminal import FILE, FOLDER, SETTINGS, Exposure, Names, OneOf, Size, answer, completions, with_json
 
 if TYPE_CHECKING:
-    import diffshade as ds
+    import numpy as np
+    from jaxtyping import Float
+
+    from ..core.progress import ReportProgress
 
 
 FILL = 0.2  # light from the viewer and ambient light on a mesh, beside the lamp of 1
@@ -64,7 +67,8 @@ def new(scene: Path, material: str | None, force: bool) -> None:
 @click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
 @click.option("--size", type=Size(), metavar="WxH", help="In pixels  [default: the camera's shape]")
 @click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
-@click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
+@click.option("--samples", type=click.IntRange(1), default=4, metavar="N", help="N x N rays a pixel  [default: 4]")
+@click.option("--exposure", type=Exposure(), default=1.0, metavar="X|auto", help=EXPOSURE)
 @click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
 @click.option("--bits", type=int, help="Bits per sample  [default: 8 in .png, 32 in .exr]")
 @with_json
@@ -74,7 +78,8 @@ def render(
     out: Path | None,
     size: tuple[int, int] | None,
     lit: tuple[str, ...] | None,
-    exposure: float,
+    samples: int,
+    exposure: float | str,
     srgb: bool | None,
     bits: int | None,
 ) -> None:
@@ -92,42 +97,60 @@ def render(
     on = None if lit is None else [_index(word) for word in lit]
     if material is not None and scene.suffix.lower() == ".toml":
         raise ValueError(f"--material is for a mesh; {scene} is a scene, which has its own. Leave it out.")
-    with showing("render"):
+    with showing("render") as report_progress:
         if scene.suffix.lower() == ".toml":
             world, camera = ds.read_scene(scene), ds.read_camera(scene)
             check_holds_bands(out, len(world.channels))
             if size is not None:
                 camera = dataclasses.replace(camera, shape=(size[1], size[0]))
+            image = np.asarray(ds.render(world, camera, lit=on, samples=samples), np.float64)
         else:
-            world, camera = _of_mesh(scene, material, size or (512, 512))
-        image = np.asarray(ds.render(world, camera, lit=on), np.float64) * exposure
-    put_picture(out, image, srgb=srgb, bits=bits)
+            image = _of_mesh(scene, material, size or (512, 512), on, samples, report_progress)
+    put_picture(out, image, exposure, srgb=srgb, bits=bits)
 
 
-def _of_mesh(mesh: Path, material: str | None, size: tuple[int, int]) -> tuple[ds.Scene, ds.Camera]:
-    """Return a mesh in its material, or in those that its faces name, under one light, and a camera that frames it."""
+def _of_mesh(
+    mesh: Path,
+    material: str | None,
+    size: tuple[int, int],
+    lit: list[int] | None,
+    samples: int,
+    report_progress: ReportProgress,
+) -> Float[np.ndarray, "h w 3"]:
+    """Return a picture of a mesh in its material, or in those that its faces name, under one light.
+
+    A G-buffer has one point a pixel, so each sample is a picture of its own, by a camera moved within the pixel.
+    """
+    import dataclasses
+
     import numpy as np
 
     import diffshade as ds
 
+    from ..io.meshes import parts_seen
+
     found = {"": ds.Material(0.7, 0.7)} if material is None else find_materials(material)
     camera = ds.exchange.frame_mesh(mesh, shape=(size[1], size[0]))
-    if len(found) == 1:
-        objects = [ds.Object(ds.exchange.read_mesh(mesh, camera), next(iter(found.values())))]
-    else:
-        parts = ds.exchange.read_mesh_parts(mesh, camera)
-        for name in parts:
-            if name not in found:
-                if not name:
-                    raise ValueError(
-                        f"faces of {mesh} name no material, and {material} has {len(found)}. Name one for each face in "
-                        "the mesh, or give a file of one material."
-                    )
-                raise ValueError(f"a face of {mesh} names the material '{name}', which {material} lacks. Add it.")
-        objects = [ds.Object(part, found[name]) for name, part in parts.items()]
+    parts = parts_seen(mesh, whole=len(found) == 1)
+    of_part = found if len(found) > 1 else dict.fromkeys(parts, next(iter(found.values())))
+    for name in parts:
+        if name not in of_part:
+            if not name:
+                raise ValueError(
+                    f"faces of {mesh} name no material, and {material} has {len(found)}. Name one for each face in "
+                    "the mesh, or give a file of one material."
+                )
+            raise ValueError(f"a face of {mesh} names the material '{name}', which {material} lacks. Add it.")
     towards = np.asarray(camera.target) - np.asarray(camera.eye)
     lights = (ds.DirectionalLight((0.5, -1.0, -1.0)), ds.DirectionalLight(towards, FILL))
-    return ds.Scene(objects, lights, ambient=FILL), camera
+    image = np.zeros((size[1], size[0], 3))
+    for k in range(samples**2):
+        report_progress("samples", k / samples**2)
+        down, across = (0.5 - (i + 0.5) / samples for i in divmod(k, samples))
+        moved = dataclasses.replace(camera, principal_point=(size[0] / 2.0 + across, size[1] / 2.0 + down))
+        objects = [ds.Object(seen(moved), of_part[name]) for name, seen in parts.items()]
+        image += np.asarray(ds.render(ds.Scene(objects, lights, ambient=FILL), moved, lit=lit), np.float64)
+    return image / samples**2
 
 
 def _index(word: str) -> int:

@@ -136,6 +136,18 @@ class Circle(click.ParamType):
         return column, row, radius
 
 
+class Exposure(click.ParamType):
+    """A factor, or auto."""
+
+    name = "x|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
+        try:
+            return value if value == "auto" else float(value)
+        except ValueError:
+            self.fail(f"an exposure is a number or auto; got '{value}'. Give 1 for unscaled radiance.", param, ctx)
+
+
 class Size(click.ParamType):
     """Width and height of a picture."""
 

@@ -44,6 +44,7 @@ UNUSED = {
     "Km": "the share of a mirror",
     "sharpness": "that of mirror images",
 }
+ONE = {"1", "1.0", "1.000000"}  # as Blender 2.4 to 4.2 write it
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
 ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
@@ -99,7 +100,11 @@ def read_mtl(text: str, where: str) -> Reading:
         raise ValueError(f"{where} has no newmtl line, hence no material. Give an MTL file.")
     if before:
         reading.note("", f"what stands before the first newmtl line is not read: {_some(before)}.")
+    from_blender = text.lstrip("\ufeff \r\n").startswith("# Blender")
     for name, rows in found.items():
+        if from_blender and "Ka" in rows and ONE.issuperset(rows["Ka"]):
+            del rows["Ka"]
+            reading.note(name, "Blender has no ambient light, and writes Ka 1 1 1 all the same; it is not read.")
         reading.add(name, lambda rows=rows, name=name: _read(rows, name, reading))
     return reading
 

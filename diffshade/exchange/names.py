@@ -45,7 +45,7 @@ def printable(name: str) -> str:
 
 def original(name: str, written: str) -> list[str]:
     """Return the note that keeps a name that is written as another one."""
-    return [] if name == written else [f"the name is '{printable(name)}'."]
+    return [] if name == written else [f"the name '{printable(name)}' is written as '{written}'."]
 
 
 def _distinct(names: Iterable[str], change: Callable[[str], str]) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import overload
 
@@ -17,7 +18,7 @@ from ..model.gbuffers import GBuffer
 from ..model.meshes import Mesh
 from ..model.rendering import pixel_rays
 from .mesh_reading import MeshSurface, read_surface
-from .triangles import Triangles, first_hits
+from .triangles import Triangles, tracer
 from .vertex_normals import unit
 
 _LOGGER = logging.getLogger("diffshade")
@@ -62,7 +63,7 @@ def read_mesh(path: str | Path, camera: AbstractCamera | None, *, smooth: bool =
     """
     if camera is not None:
         check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
-        return _seen(_surface(path), camera, smooth)
+        return _seen(_surface(path), smooth)(camera)
     found = _surface(path)
     corners = found.corner.reshape(-1, 3)
     normals = found.normal.reshape(-1, 3) if smooth else None
@@ -90,10 +91,17 @@ def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuff
         TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
+    return {name: seen(camera) for name, seen in parts_seen(path).items()}
+
+
+def parts_seen(path: str | Path, *, whole: bool = False) -> dict[str, Callable[[AbstractCamera], GBuffer]]:
+    """Return what shows each part of a mesh to any camera, or all as one part, the file being read once."""
     found = _surface(path)
+    if whole:
+        return {"": _seen(found, True)}
     of_part = [found.part == i for i in range(len(found.names))]
     return {
-        name: _seen(found._replace(corner=found.corner[of], normal=found.normal[of]), camera, True)
+        name: _seen(found._replace(corner=found.corner[of], normal=found.normal[of]), True)
         for name, of in zip(found.names, of_part, strict=True)
         if of.any()
     }
@@ -131,25 +139,30 @@ def _surface(path: str | Path) -> MeshSurface:
     return found
 
 
-def _seen(surface: MeshSurface, camera: AbstractCamera, smooth: bool) -> GBuffer:
-    """Return the nearest points of a mesh and their normals, on the viewer's side."""
-    with in_float64(camera) as camera:
-        start, toward = (np.asarray(a) for a in _rays(camera))
-    corner = surface.corner - surface.centre  # which Embree rounds to float32
-    whole = Triangles(corner.reshape(-1, 3), np.arange(3 * len(corner)).reshape(-1, 3))
-    hits = first_hits(whole, start - surface.centre, toward)
-    a, b, c = np.moveaxis(corner[hits.face], 1, 0)
-    flat = n = unit(np.cross(b - a, c - a))
-    if smooth:
-        n = unit(np.einsum("rc,rcx->rx", hits.weight, surface.normal[hits.face]))
-        n = np.where((n != 0).any(-1, keepdims=True), n, flat)
-    away = (flat * toward[hits.ray]).sum(-1, keepdims=True) > 0
-    normal, position = np.zeros((2, len(start), 3))
-    normal[hits.ray], position[hits.ray] = np.where(away, -n, n), hits.point + surface.centre
-    mask = np.zeros(len(start), bool)
-    mask[hits.ray] = True
-    shape = camera.shape
-    return GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape))
+def _seen(surface: MeshSurface, smooth: bool) -> Callable[[AbstractCamera], GBuffer]:
+    """Return what gives the nearest points of a mesh to a camera, and their normals, on the viewer's side."""
+    centre = surface.centre
+    corner = surface.corner - centre  # which Embree rounds to float32
+    hits_of = tracer(Triangles(corner.reshape(-1, 3), np.arange(3 * len(corner)).reshape(-1, 3)))
+
+    def seen_by(camera: AbstractCamera) -> GBuffer:
+        with in_float64(camera) as camera:
+            start, toward = (np.asarray(a) for a in _rays(camera))
+        hits = hits_of(start - centre, toward)
+        a, b, c = np.moveaxis(corner[hits.face], 1, 0)
+        flat = n = unit(np.cross(b - a, c - a))
+        if smooth:
+            n = unit(np.einsum("rc,rcx->rx", hits.weight, surface.normal[hits.face]))
+            n = np.where((n != 0).any(-1, keepdims=True), n, flat)
+        away = (flat * toward[hits.ray]).sum(-1, keepdims=True) > 0
+        normal, position = np.zeros((2, len(start), 3))
+        normal[hits.ray], position[hits.ray] = np.where(away, -n, n), hits.point + centre
+        mask = np.zeros(len(start), bool)
+        mask[hits.ray] = True
+        shape = camera.shape
+        return GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape))
+
+    return seen_by
 
 
 @jax.jit

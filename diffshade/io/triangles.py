@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,16 +22,18 @@ class Triangles(NamedTuple):
 
     @property
     def normals(self) -> Points:
-        """Unit normals at the corners: means over the triangles around, weighted by their angles there.
+        """Unit normals at the corners: means over the triangles around, weighted by their areas, up to the median area.
 
-        So a tall wall counts no more than a low one, and a strip as much as the surface beside it.
+        So a low wall hardly bends the surface beside it, and a tall one no more than as much surface would.
         """
-        point = self.corner[self.face]
-        side = unit(np.roll(point, -1, axis=1) - point)
-        flat = unit(np.cross(point[:, 1] - point[:, 0], point[:, 2] - point[:, 0]))
-        angle = np.arccos(np.clip(-(side * np.roll(side, 1, axis=1)).sum(-1), -1.0, 1.0))
-        turned = (angle[..., None] * flat[:, None]).reshape(-1, 3)
-        return unit(np.stack([np.bincount(self.face.ravel(), of, len(self.corner)) for of in turned.T], -1))
+        a, b, c = np.moveaxis(self.corner[self.face], 1, 0)
+        across = np.cross(b - a, c - a)
+        area = np.linalg.norm(across, axis=-1)
+        weighted = unit(across) * np.minimum(area, np.median(area))[:, None]
+        total = np.stack(
+            [np.bincount(self.face.ravel(), np.repeat(weighted[:, k], 3), len(self.corner)) for k in range(3)], -1
+        )
+        return unit(total)
 
     @property
     def closed(self) -> bool:
@@ -74,12 +77,12 @@ def simplified(mesh: Triangles, count: int) -> Triangles:
 
 
 def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
-    """Return where rays first meet a mesh, by Embree in float32.
+    """Return where rays first meet a mesh, as `tracer` does."""
+    return tracer(mesh)(start, toward)
 
-    Args:
-        mesh: The mesh.
-        start: Origins of the rays.
-        toward: Their directions.
+
+def tracer(mesh: Triangles) -> Callable[[Points, Points], Hits]:
+    """Return what tells where rays, of these origins and directions, first meet a mesh, by Embree in float32.
 
     Raises:
         ImportError: trimesh or embreex is not installed.
@@ -88,7 +91,11 @@ def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
         import trimesh
         from trimesh.ray.ray_pyembree import RayMeshIntersector
     whole = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
-    hits: Any = RayMeshIntersector(whole).intersects_id(start, toward, return_locations=True, multiple_hits=False)
-    face, ray, point = (np.asarray(of) for of in hits)
-    weight = trimesh.triangles.points_to_barycentric(whole.triangles[face], point)
-    return Hits(ray, face, weight, point)
+    tree = RayMeshIntersector(whole)
+
+    def hits(start: Points, toward: Points) -> Hits:
+        found: Any = tree.intersects_id(start, toward, return_locations=True, multiple_hits=False)
+        face, ray, point = (np.asarray(of) for of in found)
+        return Hits(ray, face, trimesh.triangles.points_to_barycentric(whole.triangles[face], point), point)
+
+    return hits

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, PRNGKeyArray
 
 from ..core.backend import SOONER, UNFUSED, check_backend, in_float64, jit_quickly, with_new_arrays
 from ..core.fields import Array, check, is_concrete
@@ -39,7 +39,12 @@ MOST_PIXELS = np.iinfo(np.int32).max  # with more XLA ends the process
 
 
 def render(
-    scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | int | None = None
+    scene: Scene,
+    camera: AbstractCamera,
+    *,
+    lit: Sequence[int] | int | None = None,
+    samples: int = 1,
+    key: PRNGKeyArray | None = None,
 ) -> Float[Array, "height width channels"]:
     r"""Render a scene as linear radiance, unclamped, row 0 on top, with one sample at the centre of each pixel.
 
@@ -57,6 +62,11 @@ def render(
         scene: Objects and lights.
         camera: Camera, whose shape is that of the image.
         lit: Indices of the lights that are on, from 0; all of them by default. Ambient light is always on.
+        samples: n, at least 1: a pixel is the mean radiance of n x n rays, through the middles of n x n equal squares
+            of it, so edges are smooth. The time grows with n^2, the memory does not. 1 by default. A `GBuffer` has one
+            point a pixel, which all its rays meet: its outline stays as it is.
+        key: A key of JAX, `jax.random.key(0)`, moves each ray to a random place within its square (Cook 1986), another
+            one in each pixel: what regular rays show as moire becomes noise. None, the default, moves none.
 
     Returns:
         The image, in float32, or float64 if `jax_enable_x64` is on; of a scene of `bands`, a channel for each. What is
@@ -64,12 +74,14 @@ def render(
         returned in float32; within a `jit` or `grad` of your own it is not.
 
     Raises:
-        ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light, or the image has
-            2^31 or more pixels.
+        ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light, `samples` is no
+            whole number from 1, or the image has 2^31 or more pixels.
         RuntimeError: The installed jaxlib computes wrong sums.
     """
     if lit is not None:  # first: a view of a scene of hundreds of lights needs one of them
         scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
+    if not isinstance(samples, int | np.integer) or samples < 1:
+        raise ValueError(f"samples must be a whole number from 1; got {samples!r}. 4 gives 4 x 4 rays a pixel.")
     check((scene, camera))
     check_shapes(scene, camera)
     check_positions(scene, camera)
@@ -81,13 +93,13 @@ def render(
     check_backend()
     if _is_far_off(scene, camera):
         with in_float64((scene, camera)) as (scene, camera):
-            image = np.asarray(render(scene, camera), np.float32)
+            image = np.asarray(render(scene, camera, samples=samples, key=key), np.float32)
         return jnp.asarray(image)
     stacked = stack_scene(scene)
     alone = jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((stacked, camera)))
     program = _render_unfused if alone and _takes_long(stacked) else _render
     most = GIVEN if _is_brief(scene) else FEW
-    return program(*with_new_arrays((stacked, camera)), by_rows=alone and pixels > most)
+    return program(*with_new_arrays((stacked, camera)), key, by_rows=alone and pixels > most, samples=int(samples))
 
 
 def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width channels"]:
@@ -154,13 +166,25 @@ def select(scene: Scene, lit: Sequence[int] | int | None) -> tuple[AbstractLight
     return tuple(scene.lights[i] for i in lit)
 
 
-def pixel_rays(projection: Projection, shape: tuple[int, int], first_row: Array | float = 0.0) -> Rays:
-    """Return the ray of every pixel of a picture, or of some of its rows."""
+def pixel_rays(
+    projection: Projection,
+    shape: tuple[int, int],
+    first_row: Array | float = 0.0,
+    off: Float[Array, "2 rows width"] | None = None,
+) -> Rays:
+    """Return the ray of every pixel of a picture, or of some of its rows; `off`: beside the centre, down and right."""
     rows, columns = first_row + jnp.arange(shape[0], dtype=float), jnp.arange(shape[1], dtype=float)
-    return projection.rays(*jnp.meshgrid(rows, columns, indexing="ij"))
+    rows, columns = jnp.meshgrid(rows, columns, indexing="ij")
+    return projection.rays(rows, columns) if off is None else projection.rays(rows + off[0], columns + off[1])
 
 
-def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -> Float[Array, "height width channels"]:
+def _image(
+    scene: StackedScene,
+    camera: AbstractCamera,
+    key: PRNGKeyArray | None = None,
+    by_rows: bool = False,
+    samples: int = 1,
+) -> Float[Array, "height width channels"]:
     """Render all pixels at once, or some rows after others, which gives the same bits.
 
     At once, what lies between the pixels and the image fills the memory: of most scenes above a million pixels, half of
@@ -168,7 +192,7 @@ def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -
     """
     projection, (height, width) = camera.projection(), camera.shape
     if not by_rows:
-        return _part(scene, projection, pixel_rays(projection, camera.shape))
+        return _part(scene, projection, camera.shape, 0.0, key, samples)
     count = min(max(BLOCK // width, 1), height)
     over_pixels, rest = over_pixels_and_rest(scene.objects)
 
@@ -186,21 +210,52 @@ def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -
         """
         image, here = state
         part = eqx.tree_at(lambda s: s.objects, scene, together(here, rest))
-        rendered = _part(part, projection, pixel_rays(projection, (count, width), first_row(k)))
+        rendered = _part(part, projection, (count, width), first_row(k), key, samples)
         return jax.lax.dynamic_update_slice_in_dim(image, rendered, first_row(k), 0), rows_of(k + 1)
 
     none_yet = jnp.zeros((height, width, scene.width))
     return jax.lax.fori_loop(0, -(-height // count), add, (none_yet, rows_of(jnp.zeros((), int))))[0]
 
 
-def _part(scene: StackedScene, projection: Projection, rays: Rays) -> Float[Array, "rows width channels"]:
-    if scene.width == 3:
-        return radiance(scene, rays, projection).stack()
-    return in_bands(lambda grey: radiance(grey, rays, projection), scene, axis=-1)
+def _part(
+    scene: StackedScene,
+    projection: Projection,
+    shape: tuple[int, int],
+    first_row: Array | float,
+    key: PRNGKeyArray | None,
+    samples: int,
+) -> Float[Array, "rows width channels"]:
+    """Render some rows: with several samples one after another, which takes the memory of one, derivatives included."""
+
+    def along(rays: Rays) -> Float[Array, "rows width channels"]:
+        if scene.width == 3:
+            return radiance(scene, rays, projection).stack()
+        return in_bands(lambda grey: radiance(grey, rays, projection), scene, axis=-1)
+
+    if samples == 1 and key is None:
+        return along(pixel_rays(projection, shape, first_row))
+
+    def add(total: Array, k: Array) -> tuple[Array, None]:
+        within = jnp.full((2, *shape), 0.5) if key is None else _random_places(key, k, first_row, shape)
+        square = jnp.stack([k // samples, k % samples])[:, None, None].astype(float)
+        off = (square + within) / samples - 0.5
+        return total + along(pixel_rays(projection, shape, first_row, off)), None
+
+    start = jnp.zeros((*shape, scene.width))
+    return jax.lax.scan(jax.checkpoint(add), start, jnp.arange(samples**2))[0] / samples**2
 
 
-_render = jax.jit(_image, static_argnames="by_rows")
-_render_unfused = jax.jit(_image, static_argnames="by_rows", compiler_options=UNFUSED)
+def _random_places(
+    key: PRNGKeyArray, sample: Array, first_row: Array | float, shape: tuple[int, int]
+) -> Float[Array, "2 rows width"]:
+    """Return places within the squares of some pixels, from 0 to 1, the same ones however many rows are drawn."""
+    of_sample = jax.random.fold_in(key, sample)
+    rows = jnp.asarray(first_row).astype(int) + jnp.arange(shape[0])
+    return jax.vmap(lambda row: jax.random.uniform(jax.random.fold_in(of_sample, row), (2, shape[1])), out_axes=1)(rows)
+
+
+_render = jax.jit(_image, static_argnames=("by_rows", "samples"))
+_render_unfused = jax.jit(_image, static_argnames=("by_rows", "samples"), compiler_options=UNFUSED)
 
 
 def _is_far_off(scene: Scene, camera: AbstractCamera) -> bool:

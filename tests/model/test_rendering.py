@@ -179,10 +179,55 @@ HERE = ("surface", "one normal a pixel", "(4, 5)", "(8, 10)")
         (lambda: ds.shade(ds.Scene([BALL] * 2), ds.GBuffer(NORMAL, NORMAL), CAMERA), ("one object", "got 2", "render")),
         (lambda: ds.render(ds.Scene(BALL, lights(2)), CAMERA, lit=(0, 2)), ("lit", "2 lights, from 0", "got 2")),
         (lambda: ds.render(ds.Scene(BALL, lights(2)), CAMERA, lit=(-1,)), ("lit", "2 lights, from 0", "got -1")),
+        (
+            lambda: ds.render(ds.Scene(BALL, lights(2)), CAMERA, samples=0),
+            ("samples", "whole number", "got 0", "4 x 4"),
+        ),
     ],
 )
 def test_what_does_not_fit_together(make, words):
     refuses(make, *words)
+
+
+# --- several samples a pixel
+
+
+EDGED = ds.Scene([BALL, ds.Object(ds.Plane((0, 0, -1), (0, 0, 1)), ds.Material(0.0, 0.5))], lights(2), background=0.2)
+
+
+@pytest.mark.parametrize("bands", [0, pytest.param(5, marks=pytest.mark.thorough)])
+def test_samples_are_the_mean_of_a_finer_picture(bands):
+    scene = EDGED if not bands else ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.5)), lights(2), bands=bands)
+    for camera in (CAMERA, ds.OrthographicCamera((0, 0, 4), height=2.5, shape=CAMERA.shape)):
+        fine = np.asarray(ds.render(scene, dataclasses.replace(camera, shape=(24, 30))))
+        found = np.asarray(ds.render(scene, camera, samples=3))
+        np.testing.assert_allclose(found, fine.reshape(8, 3, 10, 3, -1).mean((1, 3)), rtol=1e-12)
+        if bands:
+            break
+
+
+def test_a_key_moves_samples_within_their_squares():
+    one, same, other = (np.asarray(ds.render(EDGED, CAMERA, samples=3, key=jax.random.key(k))) for k in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    regular, fine = (np.asarray(ds.render(EDGED, CAMERA, samples=n)) for n in (3, 24))
+    assert np.abs(one - other).max() > 1e-4
+    rms = [np.sqrt(np.mean((of - fine) ** 2)) for of in (one, regular, np.asarray(ds.render(EDGED, CAMERA)))]
+    assert max(rms[:2]) < 0.5 * rms[2]
+    moved = np.asarray(ds.render(EDGED, CAMERA, key=jax.random.key(1)))
+    assert np.abs(moved - ds.render(EDGED, CAMERA)).max() > 0.01
+
+
+def test_samples_have_the_mean_of_their_derivatives():
+    def total(k_d, samples, shape, key=None):
+        scene = eqx.tree_at(lambda s: s.objects[0].material.k_d, EDGED, k_d)
+        image = ds.render(scene, dataclasses.replace(CAMERA, shape=shape), samples=samples, key=key)
+        return jnp.mean(image**1)
+
+    k_d = jnp.array([0.7, 0.25, 0.2])
+    found, fine = jax.grad(total)(k_d, 2, (8, 10)), jax.grad(total)(k_d, 1, (16, 20))
+    np.testing.assert_allclose(found, fine, rtol=1e-10)
+    moved = jax.jit(jax.grad(lambda k_d, key: total(k_d, 2, (8, 10), key)))(k_d, jax.random.key(0))
+    np.testing.assert_allclose(moved, fine, rtol=0.05)
 
 
 # --- many transparent objects, which are compiled without fusion
@@ -215,11 +260,14 @@ def test_an_image_by_rows_is_the_same_to_the_bit(clear, monkeypatch, kind):
         "brief": eqx.tree_at(lambda s: s.lights, pictured(camera.shape), tuple(lights(1))),
         "bands": ds.Scene(ds.Object(ds.Sphere(), bands), ds.PointLight((2, 3, 4)), bands=5),
     }[kind]
-    expected = ds.render(scene, camera)
+    several = {"samples": 2, "key": jax.random.key(3)}
+    expected, smooth = ds.render(scene, camera), ds.render(scene, camera, **several)
     for size in ("BLOCK", "FEW", "GIVEN"):
         monkeypatch.setattr(rendering, size, 40)
     np.testing.assert_array_equal(ds.render(scene, camera), expected)
+    np.testing.assert_array_equal(ds.render(scene, camera, **several), smooth)
     assert np.ptp(expected) > 0.1
+    assert (kind in ("pictured", "brief")) == bool((smooth == expected).all())
 
 
 def test_only_one_opaque_g_buffer_under_one_light_is_shaded_at_once(monkeypatch):
@@ -227,7 +275,7 @@ def test_only_one_opaque_g_buffer_under_one_light_is_shaded_at_once(monkeypatch)
     seen = ds.intersect(ds.Scene(BALL), camera)
     asked = []
     monkeypatch.setattr(rendering, "FEW", 40)
-    monkeypatch.setattr(rendering, "_render", lambda scene, camera, by_rows: asked.append(by_rows))
+    monkeypatch.setattr(rendering, "_render", lambda *_, by_rows, **__: asked.append(by_rows))
     item, clear = ds.Object(seen, ds.Material(k_d=0.5)), ds.Object(seen, ds.Material(k_d=0.5, k_t=0.5))
     for objects, lamps in (
         ([item], [lamp]),

@@ -19,7 +19,7 @@ QUICK_RENDER = backend.jit_quickly(rendering._image)
 def coarse(monkeypatch):
     """One ray a pixel, compiled without optimisation: faster, and the programs of one test serve the others."""
     monkeypatch.setattr(pictures_module, "RAYS", 1)
-    monkeypatch.setattr(rendering, "_render", lambda scene, camera, by_rows: QUICK_RENDER(scene, camera))  # small ones
+    monkeypatch.setattr(rendering, "_render", lambda scene, camera, *_, **__: QUICK_RENDER(scene, camera))  # small ones
 
 
 def texts(figure):

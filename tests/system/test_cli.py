@@ -226,12 +226,16 @@ def test_meshes_are_drawn_as_their_formats_define_them(typed):
     for name, (text, material) in files.items():
         Path(f"{name}.obj").write_text(text, encoding="utf-8")
         words = ("render", f"{name}.obj", "--material", material, "--size", "32x32", "-o", f"{name}.exr")
-        assert typed(*words).status == 0
+        assert typed(*words, "--samples", "1").status == 0
         lit[name] = int((ds.read_image(f"{name}.exr").max(-1) > 0).sum())
     assert (lit["wall"], lit["card"]) == pytest.approx((279, 196), abs=3)
+    assert typed("render", "wall.obj", "--material", "emerald", "--size", "32x32", "-o", "smooth.exr").status == 0
+    one, smooth = (ds.read_image(f"{name}.exr").max(-1) for name in ("wall", "smooth"))
+    assert smooth.sum() == pytest.approx(one.sum(), rel=0.03)
+    assert ((smooth > 0) & (smooth < 0.8 * one.max()) & (one == 0)).sum() > 20  # edges that are partly covered
     assert lit["absolute"] == lit["relative"] == lit["tabs"] == lit["one"] > 150
     Path("plain.obj").write_text(mesh_files.NOTCH.replace("f 1 2 3 4 5", "f 1 2 4\nf 2 3 4\nf 1 4 5"))
-    typed("render", "plain.obj", "--material", "emerald", "--size", "32x32", "-o", "plain.exr")
+    typed("render", "plain.obj", "--material", "emerald", "--size", "32x32", "--samples", "1", "-o", "plain.exr")
     np.testing.assert_allclose(ds.read_image("plain.exr"), ds.read_image("notch.exr"), atol=1e-6)
     points = [(mesh_files.POINTS.astype("<f4"), "VEC3"), (np.array([0, 1, 2, 3], "<u1"), "SCALAR")]
     row = {"attributes": {"POSITION": 0}, "indices": 1, "mode": 6}
@@ -273,9 +277,24 @@ def test_meshes_are_shaded_by_their_own_normals(typed, caplog):
 def test_a_render_is_the_librarys(typed):
     done = typed("render", "ball.toml", "--lit", "0,2", "--exposure", "0.5", "-o", "out.exr")
     assert (done.status, done.err) == (0, "")
-    expected = 0.5 * np.asarray(ds.render(ds.read_scene("ball.toml"), ds.read_camera("ball.toml"), lit=(0, 2)))
+    scene, camera = ds.read_scene("ball.toml"), ds.read_camera("ball.toml")
+    expected = 0.5 * np.asarray(ds.render(scene, camera, lit=(0, 2), samples=4))
     np.testing.assert_allclose(ds.read_image("out.exr"), expected, atol=1e-6)
     assert f"radiance 0 to {expected.max():.3g}" in done.out
+
+
+def test_one_ray_a_pixel_and_an_exposure_that_is_found(typed):
+    done = typed("render", "ball.toml", "--samples", "1", "--exposure", "auto", "-o", "auto.exr")
+    assert (done.status, done.err) == (0, "")
+    radiance = np.asarray(ds.render(ds.read_scene("ball.toml"), ds.read_camera("ball.toml")))
+    found = ds.read_image("auto.exr")
+    factor = found.sum() / radiance.sum()
+    np.testing.assert_allclose(found, factor * radiance, rtol=1e-5, atol=1e-7)
+    lit = found.max(-1)[found.max(-1) > 0]
+    assert np.mean(lit > 1.0) == pytest.approx(0.005, abs=1.0 / lit.size)
+    assert f"exposure {factor:.4g}: 99.5 % of the pixels" in done.out
+    told = typed("render", "ball.toml", "--samples", "1", "--exposure", "auto", "-o", "auto.png", "--json").told
+    assert told["exposure"] == pytest.approx(factor)
 
 
 def test_a_fit_prints_its_table_and_writes_scene_and_materials(typed):
@@ -451,6 +470,7 @@ def test_texels(typed):
     assert not Path("none.png").exists()
     pytest.importorskip("trimesh")
     assert "triangles" in typed("convert", "maps", "relief.ply").out
+    assert "triangles" in typed("convert", "maps", "solid.ply", "--watertight", "--brighten").out
     assert "HSH of 9 terms" in typed("convert", "maps", "viewer").out
     assert "relief.ptm: PTM of 6 terms" in typed("convert", "maps", "relief.ptm").out
     assert Path("viewer/info.json").is_file()
@@ -613,6 +633,8 @@ BAD = {
     "a photograph for a scene": (["fit", "0.exr", "1.exr"], "0.exr is neither"),
     "a picture larger than any": (["render", "ball.toml", "--size", "100000x100000"], "10,000,000,000 pixels"),
     "an exposure below 0": (["render", "ball.toml", "--exposure", "-1"], "--exposure must be above 0"),
+    "an exposure that is a word": (["render", "ball.toml", "--exposure", "bright"], "a number or auto; got 'bright'"),
+    "no samples": (["render", "ball.toml", "--samples", "0"], "x>=1"),
     "an exposure that is not finite": (["render", "ball.toml", "--exposure", "inf"], "--exposure must be above 0"),
     "bits that no PNG has": (["render", "ball.toml", "--bits", "9"], "9"),
     "the scene for the picture": (["fit", "ball.toml", "0.exr", "--lit", "0", "-o", "ball.toml"], "is an input file"),

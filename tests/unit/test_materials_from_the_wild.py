@@ -62,6 +62,19 @@ def test_a_plain_mtl_is_read_without_a_word(read):
     assert said == ""
 
 
+def test_what_blender_writes_of_ambient_light_is_no_glow_elsewhere(read, tmp_path):
+    text = "# Blender 4.1.0 MTL File: 'None'\nnewmtl a\nKa 1.000000 1.000000 1.000000\nKd 0.8 0.2 0.1\nillum 1\n"
+    found, said = read("a.mtl", text)
+    assert not np.any(found["a"].k_a)
+    assert "Ka 1 1 1 all the same; it is not read" in said
+    ds.exchange.write_material(tmp_path / "a.json", found)
+    assert json.loads((tmp_path / "a.json").read_text())["emissive"] == 0
+    for other in (text.replace("# Blender", "# Maya"), text.replace("Ka 1.000000", "Ka 0.5")):
+        found, said = read("b.mtl", other)
+        assert np.any(found["a"].k_a)
+        assert not said
+
+
 def test_a_colour_that_is_not_given_is_said(read):
     found, said = read("a.mtl", "newmtl a\nmap_Kd a.png\nnewmtl b\nKs 1 1 1\nnewmtl c\nKd 0 0 0\n")
     assert [float(m.k_d[0]) for m in found.values()] == [1, 0, 0]
@@ -133,7 +146,7 @@ def test_any_name_is_written_and_every_material_read_again(suffix, tmp_path):
             assert again.isidentifier()
             assert again.isascii()
             assert CODE[suffix].format(again) in text
-        assert suffix in (".json", ".gltf") or name == again or "the name is '" in text
+        assert suffix in (".json", ".gltf") or name == again or f"is written as '{again}'" in text
     if suffix == ".mtl":
         assert list(found)[:3] == list(NAMES[:3])
         assert "a_b" in found
