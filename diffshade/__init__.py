@@ -12,9 +12,16 @@ number, a list, an array. A field is NumPy float64 or a JAX array: a `Scalar`, a
 `Exponent` of 1 or 3, a `Coefficient` that is a colour or a pattern. What is out of the range that a docstring states
 raises ValueError, and what is of another kind TypeError: one sentence, with the remedy, before anything is written.
 
-What is named `errors` are standard errors: the truth lies within one of them 68 % of the time, and within 1.96 of those
-of a number 95 %. They contain what a fit knows of the light, the noise and its own misfit; an error is infinite where
-nothing is known, and notes say what no photograph tells. That of a direction is an angle, in degrees.
+f_rad and f_ang are the attenuation of a light I_l by distance and by angle, W the Fresnel weight of k_s, and x_+ is x
+or 0. `docs/pages/lectures.md` has E1 to E14.
+
+What is named `errors` are standard errors: the truth lies within one of them 68 % of the time. 95 % of the time it lies
+within 1.96 of those of a number, and within `TexelMaps.errors_95` of maps. They contain what a fit knows of the light,
+the noise and its own misfit; an error is infinite where nothing is known, and notes say what no photograph tells. That
+of a direction is an angle, in degrees; `light_error`, which fits take, is that about each axis.
+
+Directions named `direction` are those in which light travels. Lists of directions (`calibrate`, `light_directions.txt`,
+`--light`) point towards the light.
 
 JAX runs threads of its own, which a fork does not copy: after the first render or fit a process that is forked from
 this one hangs when it computes. Start several with `multiprocessing.get_context("spawn")`, which concurrent.futures

@@ -1,8 +1,8 @@
 """Lights of photographs: where they are, how bright, and how the photographs encode it.
 
-`calibrate` finds them by a ball, `apply_lights` gives them to the photographs of an object, and `draw_calibration`
-shows what was found. `find_lights` finds them by an object of unknown shape, and `find_response` the curve of its
-photographs.
+`calibrate` finds them by a ball. `apply_lights` puts them beside the photographs of an object, whose `write` makes a
+folder for `read_photographs`; `draw_calibration` shows what was found. `find_lights` finds them by an object of unknown
+shape, and `find_response` the curve of its photographs.
 """
 
 from .calibration.applying import apply_lights as apply_lights

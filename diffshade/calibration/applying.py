@@ -59,8 +59,13 @@ class AppliedLights:
 
     @property
     def errors(self) -> Float[np.ndarray, " photographs"]:
-        """Root mean square error of each direction, degrees."""
+        """Root mean square error of each direction, degrees: its angle, about both axes."""
         return self.lights.errors
+
+    @property
+    def light_error(self) -> Float[np.ndarray, " photographs"]:
+        """The error of each direction about each axis, degrees, for `fit` and `fit_texels(..., light_error=)`."""
+        return self.errors / np.sqrt(2.0)
 
     @property
     def positions(self) -> Vectors:
@@ -75,10 +80,10 @@ class AppliedLights:
     def position_errors(self) -> Vectors:
         """Standard errors of the positions, from those of direction and distance; infinite for a lamp far away."""
         l, far = self.lights.directions, self.lights.distances[:, None]
-        across = np.deg2rad(self.errors / np.sqrt(2.0))[:, None] * far * np.sqrt(1.0 - l**2)
+        across = np.deg2rad(self.light_error)[:, None] * far * np.sqrt(1.0 - l**2)
         return np.hypot(across, self.lights.distance_errors[:, None] * np.abs(l))
 
-    def write(self, folder: str | Path) -> None:
+    def write(self, folder: str | Path) -> Path:
         """Write a folder that `read_photographs`, `fit`, `report` and `texels` take as it is.
 
         The files are the photographs (linear, 16 bits; .npy if they exceed 1), `filenames.txt`, `mask.png`,
@@ -89,12 +94,14 @@ class AppliedLights:
         Args:
             folder: The folder to write, a new or empty one. It is created.
 
+        Returns:
+            The folder.
+
         Raises:
             NotADirectoryError: If `folder` is a file.
             FileExistsError: If `folder` holds other files.
             OSError: If a file cannot be written.
         """
-        about_each = self.errors / np.sqrt(2.0)
         folder = check_folder(folder)
         write_photographs(
             folder,
@@ -103,9 +110,10 @@ class AppliedLights:
             self.mask,
             self.directions,
             self.intensities,
-            about_each,
+            self.light_error,
             self.lights.distances / self.lights.picture_height if self.lights.picture_height else None,
         )
+        return folder
 
     def __str__(self) -> str:
         """Return what was applied to what, and the notes below it."""

@@ -45,7 +45,7 @@ class Calibration:
     directions: Vectors
     """Unit vectors *towards* the light of each photograph."""
     errors: Float[np.ndarray, " photographs"]
-    """Root mean square error of each direction, degrees."""
+    """Root mean square error of each direction, degrees: its angle, about both axes."""
     notes: tuple[str, ...]
     """What these photographs do not determine, and what looks wrong: a sentence each."""
     intensities: Vectors | None = None
@@ -62,6 +62,11 @@ class Calibration:
     fit_errors: Float[np.ndarray, " p"] | None = None
     """Standard errors of its values, by patches of the ball if these disagree more than noise explains; infinite where
     a value is not determined."""
+
+    @property
+    def light_error(self) -> Float[np.ndarray, " photographs"]:
+        """The error of each direction about each axis, degrees, for `fit` and `fit_texels(..., light_error=)`."""
+        return self.errors / np.sqrt(2.0)
 
     @property
     def camera(self) -> AbstractCamera:

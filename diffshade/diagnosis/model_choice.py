@@ -90,13 +90,13 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     With one or two photographs, patches are held out that are wider than the correlation length of the best fit's
     residuals.
 
-    A verdict needs all of these: the paired errors differ by two standard errors (jackknife); the fitted images differ
+    A verdict needs all of these: the paired errors differ by 1.96 standard errors (jackknife); the fitted images differ
     by a tenth of the residuals; and they differ by half a grey level of 8 bits, all root mean square and for images in
     [0, 1]. A smaller difference may come from the lens, the lamp or the file.
 
-    In renders, and in photographs with hardly any noise, the best fit's own errors show that no such thing is in them:
-    a fit whose error is ten times as large in every photograph or patch is worse, however small both are. Errors
-    within the rounding of float32 count as none.
+    In renders, and in photographs with hardly any noise, the best fit's own errors show that they have no such
+    difference: a fit whose error is ten times as large in every photograph or patch is worse, however small both are.
+    Errors within the rounding of float32 count as none.
 
     Args:
         fits: Name to fit, two or more, all of the same views and with the same loss.

@@ -87,7 +87,8 @@ def write_material(
         lights: Lights to write with it, for OpenGL only; by default none.
 
     Returns:
-        The path, the error and the notes; of several materials, the largest error.
+        `path`, the `rms` and `largest` error of the highlight as it is written, and `notes`; of several materials, the
+        largest errors.
 
     Raises:
         ValueError: If the suffix, a coefficient or a light is not possible in this format; nothing is written then.

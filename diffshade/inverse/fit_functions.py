@@ -252,7 +252,8 @@ def fit_function(
             count beside the photographs.
 
     Returns:
-        The function.
+        The function f: `f(image, image, ...)`, an argument for each view, returns `FittedValues`: `values` and
+        `determined` by name, `cost` and `converged`. `jax.vmap(f)` takes a batch for each argument.
 
     Raises:
         ValueError: As `fit` raises it; or there are priors without noise; or a view has a sensor, clipped samples or

@@ -107,9 +107,9 @@ def fit(
             value is there or beyond. `"tobit"`: by the censored likelihood, which needs the views' noise; only this has
             no bias if many samples lie within the noise of the sensor's floor. `"exclude"`: its pixel is excluded.
         start: `"search"`, or `"scene"` to begin at the scene's values.
-        memory: Bytes that the pixels may take, about 100 each; default 4e9. Of more pixels each view has its share,
-            evenly spread over the image and over brightness, and a note says what that costs; lazy images
-            (`open_image`) are never whole in memory.
+        memory: Bytes that the pixels may take, about 100 each; default 4e9. Of more pixels only a part is fitted: each
+            view has its share, evenly spread over the image and over brightness, and a note says what that costs. Lazy
+            images (`open_image`) are never whole in memory.
         devices: A `jax.sharding.Mesh` of the devices that share the pixels; by default one device has all.
         progress: Whether to show a line on the terminal.
 

@@ -136,8 +136,9 @@ def fit_texels(
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`, with the scene and
             the camera, so that `read_maps` reads them back. The same call resumes from it, whenever it was stopped. By
             default the maps stay in memory.
-        memory: Bytes that the photographs at work may take, approximately; larger ones are read in bands of rows. A run
-            that is resumed keeps the bands of its first call: to use less memory, begin in a new folder.
+        memory: Bytes that the photographs at work may take, approximately; larger ones are read in bands of rows, all
+            of which are fitted. A run that is resumed keeps the bands of its first call: to use less memory, begin in a
+            new folder.
         devices: A `jax.sharding.Mesh` of the devices that share the work; by default all cores. Several processes,
             joined by `jax.distributed.initialize`, each fit their share and write to one `out`, on a disk of the
             machine they run on.

@@ -42,12 +42,13 @@ def read_photographs(
     imaging), or all images but masks, normals and those named unlike most, in natural order. The other files are those
     of DiLiGenT (Shi et al. 2016): `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z
     to the camera, by default those of the list; `light_intensities.txt`, R G B a line, or one number, by default 1;
-    `light_distances.txt`, a number a line, how far a lamp is from the picture's middle in heights of the picture, or
-    inf, by default far away (a near lamp's direction and intensity are those in the middle, its light weakens with the
-    square of the distance, and the object is taken to be flat); `mask.png`; normals as `normal_gt.npy` or
-    `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). What is missing or left out is said as a
-    warning of the logger `diffshade`. The camera is far away on +z. Light i is on in photograph i alone. Photographs in
-    .npy and .zarr are opened without being read, as by `open_image`: they may be larger than memory.
+    `light_errors.txt`, degrees about each axis, which `light_error=` of fits takes; `light_distances.txt`, a number a
+    line, how far a lamp is from the picture's middle in heights of the picture, or inf, by default far away (a near
+    lamp's direction and intensity are those in the middle, its light weakens with the square of the distance, and the
+    object is taken to be flat); `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a
+    row a pixel, row by row). What is missing or left out is said as a warning of the logger `diffshade`. The camera is
+    far away on +z. Light i is on in photograph i alone. Photographs in .npy and .zarr are opened without being read, as
+    by `open_image`: they may be larger than memory.
 
     Where the photographs' EXIF says that they differ in t ISO / N^2 (exposure time, sensitivity, F-number), that is
     `View.exposure`, 1 for the first. Photographs of different exposures under one light, which have the same direction
@@ -77,6 +78,11 @@ def read_photographs(
         ImportError: Where a photograph is RAW, or HEIC, and its package is not installed.
     """
     read = read_folder(folder, normals=normals, lights=lights, mask=mask, srgb=srgb, exif=exif)
+    if read.light_errors is not None and read.light_errors.any():
+        _LOGGER.warning(
+            "light_errors.txt, the errors of the directions, is no part of a scene: give them to fits as light_error= "
+            "(numpy.loadtxt reads them)"
+        )
     return read.scene, read.views
 
 

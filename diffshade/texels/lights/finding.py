@@ -62,7 +62,8 @@ def find_lights(
             from the middle of the object.
         views: Photographs of one camera, one light on in each.
         light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
-            one for each light; 0 for all if they are exact. By default nothing is stated, and they have no prior.
+            one for each light; 0 for all if they are exact. By default nothing is stated: all are found, without a
+            prior.
         intensity_error: Relative standard deviation of the lights' intensities (.05 for 5 %): one number, or one for
             each light; 0, the default, for all if they are exact. With None nothing is stated of them.
         progress: Show a line of progress on the terminal.
