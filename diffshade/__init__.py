@@ -53,7 +53,7 @@ takes as `mp_context`, or fork them before anything is computed.
 ## What a fit can tell
 
 `examine`, `forecast`, `compare`, `plan`, `Shot`, `bootstrap`, `fit_bands`, `sensitivity`, `image_sensitivity`,
-`draw_comparison`, `write_comparison`, `write_report`
+`draw_comparison`, `write_figure`, `write_report`
 
 ## Rooms
 

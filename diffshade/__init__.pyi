@@ -72,7 +72,7 @@ from .model.surfaces import Plane as Plane
 from .model.surfaces import Sphere as Sphere
 from .parallel.devices import LostProcess as LostProcess
 from .report.comparison import draw_comparison as draw_comparison
-from .report.comparison import write_comparison as write_comparison
+from .report.figures import write_figure as write_figure
 from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels
 from .texels.map_reading import read_maps as read_maps

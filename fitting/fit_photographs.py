@@ -47,7 +47,7 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     picture = arguments.out / "fit_photographs.png"
     titles = [f"photograph {i + 1}{', held out' if i in held_out else ''}" for i in shown]
-    ds.write_comparison(picture, fit, [views[i] for i in shown], titles=titles)
+    ds.write_figure(picture, ds.draw_comparison(fit, [views[i] for i in shown], titles=titles))
     names = [f"photograph {i + 1}" for i in range(len(views)) if i not in held_out]
     ds.write_report(arguments.out / "report.html", fit, titles=names, progress=True)
     print(f"photograph, fit and difference of three of them: {picture}")

@@ -54,7 +54,7 @@ def main() -> None:
 
     arguments.out.mkdir(parents=True, exist_ok=True)
     picture = arguments.out / "recover_sphere.png"
-    ds.write_comparison(picture, fit, views[:3], titles=[f"lamp {d} units away" for d in (2, 3, 5)])
+    ds.write_figure(picture, ds.draw_comparison(fit, views[:3], titles=[f"lamp {d} units away" for d in (2, 3, 5)]))
     ds.write_report(arguments.out / "report.html", fit, progress=True)
     print(f"target, fit and difference of three of the views: {picture}")
     print(f"all of it on a page for the browser: {arguments.out / 'report.html'}")

@@ -99,7 +99,7 @@ def _of_maps(
 
 @click.command(**SETTINGS, epilog="Example: diffshade lamp floodlight.ies --distance 5")
 @click.argument("file", type=FILE)
-@click.option("-o", "--out", type=FILE, help=".png or .pdf  [default: the file's name, .png]")
+@click.option("-o", "--out", type=FILE, help=".png, .pdf or .svg  [default: the file's name, .png]")
 @click.option(
     "--distance",
     type=float,
@@ -117,14 +117,16 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
     import diffshade as ds
 
     from ..io.files import writable
+    from ..report.figures import check_figure
     from ..report.lamp_picture import light_on_plane
 
     out = out or file.with_suffix(".png")
+    check_figure(out)
     writable(out)
     chosen = "all" if lamp_set == "all" else None if lamp_set is None else int(lamp_set)
     found = ds.lamps.read_lamp(file, lamp_set=chosen, tilt=tilt)
     plane = light_on_plane(found, distance, 5)
-    ds.lamps.draw_lamp(out, found, distance=distance)
+    ds.write_figure(out, ds.lamps.draw_lamp(found, distance=distance))
     unit = "lux" if found.label.unit == "cd" else f"{found.label.unit.removesuffix('/sr')} per unit of area"
     table = [("C90", plane.across), *zip(plane.across[::-1], plane.light, strict=True)]  # from the side of C90 on
     rows = [f"{at:>7.4}" + "".join(f"{value:10.4g}" for value in row) for at, row in table]

@@ -99,7 +99,7 @@ def calibrate(
     if out is not None:
         (found if applied is None else applied).write(out)
         written = [f"{out}: photographs and lights", f"{out / 'lights-shown.png'}: look at the outline"]
-        ds.lights.draw_calibration(out / "lights-shown.png", balls)
+        ds.write_figure(out / "lights-shown.png", ds.lights.draw_calibration(balls))
     encodings = _encodings(photos, srgb)
     more = {
         "photographs": found.names,
@@ -263,7 +263,7 @@ def mask(photos: Path, out: Path | None) -> None:
         _LOGGER.warning("%s: %s", photos, note)
     ds.write_image(out, found.mask[..., None] * 1.0, srgb=False)
     picture = out.with_name(f"mask{SHOWN}.png")
-    draw_mask(picture, found)
+    ds.write_figure(picture, draw_mask(found))
     shares = {name: float(way.mean()) for name, way in found.ways.items()}
     more = {"share": float(found.mask.mean()), "ways": shares, "agreeing": found.agreeing, "notes": found.notes}
     answer(

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..calibration.balls import axes as axes_of
 from ..core.extras import needing
-from ..io.files import replacing
 from ..model.cameras import OrthographicCamera
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..calibration.result import Calibration
 
 INCH = 4.5
@@ -23,7 +22,7 @@ LABELLED = 40  # lights at most that have their numbers
 MARGIN = 1.25  # radii from a ball's middle that are drawn
 
 
-def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibration) -> None:
+def draw_calibration(balls: Sequence[Calibration] | Calibration) -> Figure:
     """Draw what a calibration found, so that a wrong outline is seen.
 
     A row for each ball: the mean of its photographs there, brightened, with the outline and each light's highlight; and
@@ -31,18 +30,16 @@ def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibratio
     photographs.
 
     Args:
-        path: The picture to write, .pdf or .png.
         balls: The calibration, or those of several balls.
 
+    Returns:
+        The figure; a notebook shows it, and `write_figure` writes it.
+
     Raises:
-        ValueError: If the suffix is neither.
-        OSError: If the picture cannot be written.
         ImportError: matplotlib is not installed.
     """
-    with needing("figures", f"cannot draw {path}"):
+    with needing("figures", "cannot draw a calibration"):
         from matplotlib.figure import Figure
-    if Path(path).suffix.lower() not in (".pdf", ".png"):
-        raise ValueError(f"a calibration is drawn as .pdf or .png; got '{path}'. Give one of these suffixes.")
     each: Sequence[Calibration] = balls if isinstance(balls, Sequence) else (balls,)
     figure = Figure(figsize=(2 * INCH, INCH * len(each)), layout="constrained")
     axes: Any = figure.subplots(len(each), 2, squeeze=False)
@@ -50,10 +47,7 @@ def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibratio
         which = f"{found.ball} ball {row} of {len(each)}" if len(each) > 1 else f"{found.ball} ball"
         _outline(left, found, which)
         _directions(right, found)
-    held = io.BytesIO()
-    figure.savefig(held, format=Path(path).suffix[1:].lower(), dpi=110)
-    with replacing(Path(path)) as temporary:
-        temporary.write_bytes(held.getvalue())
+    return figure
 
 
 def _outline(axes: Any, found: Calibration, which: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,32 +12,10 @@ from ..core.extras import needing
 from ..inverse.data.views import View
 from ..inverse.result import Fit, Prediction
 from ..io.encodings import srgb_encode
-from ..io.files import replacing
 from .drawn_bands import drawn_bands
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *, titles: Sequence[str] = ()) -> None:
-    """Write the figure of `draw_comparison` to a file.
-
-    Args:
-        path: The file, .png, .pdf or .svg.
-        fit: The fit.
-        views: The views to show.
-        titles: A title for each view; by default its index.
-
-    Raises:
-        ValueError: If the suffix is unknown, a view does not match the scene, or the number of titles is wrong.
-        FileNotFoundError: If the folder does not exist.
-        ImportError: matplotlib is not installed.
-    """
-    if Path(path).suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a comparison is .png, .pdf or .svg. Use one.")
-    figure = draw_comparison(fit, views, titles=titles)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110)
 
 
 def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[str] = ()) -> Figure:

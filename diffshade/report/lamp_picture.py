@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +11,12 @@ from jaxtyping import Float
 from ..core.backend import in_float64
 from ..core.extras import needing
 from ..core.fields import check_kind, in_short
-from ..io.files import replacing
 from ..model.measured_lights import MeasuredLight
 from ..model.photometry import plane
 from ..model.vectors import Vec3, cross, dot, normalize
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 INCH = 5.0
 PIXELS = 121
@@ -62,24 +62,23 @@ def light_on_plane(lamp: MeasuredLight, distance: float, count: int = PIXELS) ->
     return PlaneLight(along, light)
 
 
-def draw_lamp(path: str | Path, lamp: MeasuredLight, *, distance: float = 3.0) -> None:
+def draw_lamp(lamp: MeasuredLight, *, distance: float = 3.0) -> Figure:
     """Draw a lamp: its intensity over angle, its summary, and the light on a plane across its axis.
 
     Args:
-        path: The picture to write, .pdf or .png.
         lamp: The lamp.
         distance: From the lamp to the plane, metres for lux; 3 by default. Below 0 the plane is behind the lamp, as a
             ceiling is.
 
+    Returns:
+        The figure; a notebook shows it, and `write_figure` writes it.
+
     Raises:
-        ValueError: If the suffix is neither, or the distance is 0 or not finite.
-        OSError: If the picture cannot be written.
+        ValueError: If the distance is 0 or not finite.
         ImportError: matplotlib is not installed.
     """
-    with needing("figures", f"cannot draw {path}"):
+    with needing("figures", "cannot draw a lamp"):
         from matplotlib.figure import Figure
-    if Path(path).suffix.lower() not in (".pdf", ".png"):
-        raise ValueError(f"a lamp is drawn as .pdf or .png; got '{path}'. Give one of these suffixes.")
     shown = light_on_plane(lamp, distance)
     words = "\n".join(textwrap.fill(line, LETTERS, subsequent_indent="  ") for line in str(lamp).splitlines())
     below = LINE * (words.count("\n") + 3)
@@ -90,10 +89,7 @@ def draw_lamp(path: str | Path, lamp: MeasuredLight, *, distance: float = 3.0) -
     text = figure.add_subplot(rows[1, :])
     text.set_axis_off()
     text.text(0.0, 1.0, words, va="top", family="monospace", fontsize=8, in_layout=False)
-    held = io.BytesIO()
-    figure.savefig(held, format=Path(path).suffix[1:].lower(), dpi=110)
-    with replacing(Path(path)) as temporary:
-        temporary.write_bytes(held.getvalue())
+    return figure
 
 
 def _polar(axes: Any, lamp: MeasuredLight) -> None:

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..core.extras import needing
-from ..io.files import replacing
 from .calibration_picture import INCH, WHITE
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..inverse.data.masks import FoundMask
 
 
-def draw_mask(path: Path, found: FoundMask) -> None:
+def draw_mask(found: FoundMask) -> Figure:
     """Draw the brightest of the photographs, brightened, with the outline of the mask and of what each way found.
 
     Args:
-        path: The .png to write.
         found: The mask.
 
     Raises:
-        OSError: If the picture cannot be written.
         ImportError: matplotlib is not installed.
     """
-    with needing("figures", f"cannot draw {path}"):
+    with needing("figures", "cannot draw a mask"):
         from matplotlib.figure import Figure
     shown = np.sqrt(np.clip(found.picture / max(float(np.quantile(found.picture, WHITE)), 1e-12), 0.0, 1.0))
     rows, columns = shown.shape
@@ -41,7 +38,4 @@ def draw_mask(path: Path, found: FoundMask) -> None:
         agrees = name == "mask" or name in found.agreeing
         at.set_title(f"{name}, {way.mean():.0%}" + ("" if agrees else ": left out"), fontsize=12)
         at.set_axis_off()
-    held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=72)
-    with replacing(path) as temporary:
-        temporary.write_bytes(held.getvalue())
+    return figure

@@ -77,13 +77,11 @@ def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     np.testing.assert_allclose(positions, applied.positions * unit, rtol=1e-8)
     kept = read_folder(tmp_path / "ready", normals=False, exif=True).light_errors
     assert kept is not None
-    np.testing.assert_allclose(kept, applied.errors / np.sqrt(2.0), rtol=1e-5)
+    np.testing.assert_allclose(kept, applied.light_error, rtol=1e-5)
     np.testing.assert_allclose(views[0].image, ds.read_image(here / "object" / "shot_00.png", srgb=False), atol=1e-4)
     applied.write(tmp_path / "ready")  # again
-    ds.lights.draw_calibration(tmp_path / "shown.png", balls)
+    ds.write_figure(tmp_path / "shown.png", ds.lights.draw_calibration(balls))
     assert ds.read_image(tmp_path / "shown.png").shape[0] > 500
-    with pytest.raises(ValueError, match=r"drawn as \.pdf or \.png"):
-        ds.lights.draw_calibration(tmp_path / "shown.gif", balls)
 
 
 @pytest.mark.thorough

@@ -279,7 +279,9 @@ FUNCTIONS_OF_A_FIT: dict[str, Callable[[Any], Any]] = {
     "plan": lambda h: ds.plan(h.fit, h.shot).errors,
     "bootstrap": lambda h: ds.bootstrap(h.fit, draws=3),
     "write_report": lambda h: _written(lambda path: ds.write_report(path, h.fit), "report.html"),
-    "write_comparison": lambda h: _written(lambda path: ds.write_comparison(path, h.fit, h.views), "comparison.png"),
+    "draw_comparison": lambda h: _written(
+        lambda path: ds.write_figure(path, ds.draw_comparison(h.fit, h.views)), "comparison.png"
+    ),
     "TexelMaps.shade": lambda h: h.maps.shade(),
     "TexelMaps.shade, a light": lambda h: h.maps.shade(h.far.lights[0]),
     "TexelMaps.write": lambda h: _written(h.maps.write, "maps"),

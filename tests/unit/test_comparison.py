@@ -17,8 +17,8 @@ def fitted():
 
 def test_it_is_one_picture_with_a_row_a_view(fitted, tmp_path):
     fit, view = fitted
-    ds.write_comparison(tmp_path / "one.png", fit, view)
-    ds.write_comparison(tmp_path / "two.png", fit, [view, view], titles=["first", "second"])
+    ds.write_figure(tmp_path / "one.png", ds.draw_comparison(fit, view))
+    ds.write_figure(tmp_path / "two.png", ds.draw_comparison(fit, [view, view], titles=["first", "second"]))
     one, two = iio.imread(tmp_path / "one.png"), iio.imread(tmp_path / "two.png")
     assert two.shape[1] == one.shape[1]
     assert two.shape[0] > 1.7 * one.shape[0]
@@ -53,5 +53,5 @@ def test_titles_must_match_the_views(fitted):
 def test_nothing_is_left_behind_by_a_suffix_that_no_one_knows(fitted, tmp_path):
     fit, view = fitted
     with pytest.raises(ValueError, match="xyz"):
-        ds.write_comparison(tmp_path / "picture.xyz", fit, view)
+        ds.write_figure(tmp_path / "picture.xyz", ds.draw_comparison(fit, view))
     assert not list(tmp_path.iterdir())

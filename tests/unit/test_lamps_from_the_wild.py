@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from lamp_files import VERTICAL, beam, ies, ldt
-from matplotlib.figure import Figure
 from measured import measured
 
 import diffshade as ds
@@ -233,7 +232,7 @@ def test_a_lamp_is_drawn_and_told_at_the_terminal(tmp_path, capfd, monkeypatch):
     np.testing.assert_allclose(told["light"], lambertian, rtol=1e-3)
     for given, message in (
         (["--distance", "0"], "must be finite and not 0"),
-        (["-o", "a.gif"], "is drawn as .pdf or .png"),
+        (["-o", "a.gif"], "is written as .png, .pdf, .svg"),
     ):
         with pytest.raises(SystemExit) as end:
             main(["lamp", "a.ies", *given])
@@ -276,13 +275,8 @@ def test_a_picture_of_a_lamp_says_the_planes_and_no_label_is_on_a_curve(behind, 
         row, angles = row[:, ::-1], 180 - gamma[::-1]
     name = "[MANUFAC] " + "A VERY LONG NAME OF A MAKER, " * 9
     lamp = ds.lamps.read_lamp(write(tmp_path, "a.ies", ies([0], row, angles, before=f"IESNA:LM-63-2002\n{name}\n")))
-    drawn = []
-    save = Figure.savefig
-    monkeypatch.setattr(
-        Figure, "savefig", lambda figure, *given, **more: drawn.append(figure) or save(figure, *given, **more)
-    )
-    ds.lamps.draw_lamp(tmp_path / "a.png", lamp, distance=-3 if behind else 3)
-    (figure,) = drawn
+    figure = ds.lamps.draw_lamp(lamp, distance=-3 if behind else 3)
+    ds.write_figure(tmp_path / "a.png", figure)
     polar, plane, _, summary = figure.axes
     assert (plane.get_xlabel(), plane.get_ylabel()) == ("along C0", "along C90")
     assert ("ceiling" in plane.get_title()) == behind
