@@ -243,3 +243,17 @@ def test_exponents_that_do_not_double_are_refused(bumpy, tmp_path):
     odd = dataclasses.replace(maps, highlights=(maps.highlights[0], maps.highlights[1]._replace(n_s=9.0)))
     with pytest.raises(ValueError, match=r"highlights.*\[8.0, 9.0\].*fit_texels"):
         ds.write_report(tmp_path / "maps.html", odd)
+
+
+def test_parts_of_no_known_height_stand_beside_each_other(bumpy):
+    """Wherever the integration put them, the heights of the page have no jump between them that casts a shadow."""
+    maps, heights, _ = bumpy
+    left = np.arange(maps.status.shape[1])[None] < 20
+    torn = dataclasses.replace(
+        heights,
+        height=np.where(left, heights.height - 0.4, heights.height),
+        part=np.where(heights.mask, np.where(left, 1, 0), -1),
+    )
+    found, inside = numbers_of(maps, torn).height, heights.mask
+    assert found is not None
+    np.testing.assert_allclose(found[inside], heights.height[inside], atol=0.02)  # a texel of the slope

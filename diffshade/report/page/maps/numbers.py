@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ....core.backend import in_float64
 from ....model.cameras import AbstractCamera, axes
 from ....model.rendering import intersect
+from ....texels.heights.closing import placed
 from ....texels.heights.map import HeightMap
 from ....texels.maps import TexelMaps
 from ....texels.status import OUTSIDE
@@ -58,7 +59,7 @@ def numbers_of(maps: TexelMaps, heights: HeightMap | None) -> Numbers:
     with in_float64((maps.as_scene(), maps.camera)) as (scene, camera):
         surface = intersect(scene, camera)
         normal = np.asarray(surface.normal)
-        height = _heights(surface.position, camera) if heights is None else heights.height
+        height = _heights(surface.position, camera) if heights is None else _placed(heights)
     material, shape = maps.as_scene().objects[0].material, maps.status.shape
     k_s = maps.values["k_s"] if "k_s" in maps.values else maps.scene.objects[0].material.k_s
     n_s = maps.values["n_s"] if "n_s" in maps.values else maps.scene.objects[0].material.n_s
@@ -93,6 +94,13 @@ def _over(value: Any, shape: tuple[int, int]) -> Float[np.ndarray, "h w 3"]:
     """Return a coefficient at every texel, in three channels."""
     of = np.asarray(value, np.float32)
     return np.broadcast_to(of, (*shape, 3))
+
+
+def _placed(heights: HeightMap) -> np.ndarray:
+    """Return heights whose parts stand where most of the seams between them have no jump."""
+    index = np.arange(heights.part.size).reshape(*heights.part.shape, 1)
+    moved = placed(heights.height.ravel(), np.repeat(index, 4, -1), heights.part)
+    return heights.height + np.append(moved, 0.0)[heights.part]
 
 
 def _heights(position: Any, camera: AbstractCamera) -> np.ndarray | None:
