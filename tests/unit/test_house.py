@@ -237,7 +237,8 @@ def test_optional_arguments_are_keyword_only():
 
 # What the rooms above the library use of it beyond public names and classes, `core` and `io`: the less the better.
 INNER = {
-    "cli": "FIGURES NORMALS SHOWN UNCLIPPED_PERCENT axes center_of check_figure check_folder check_format check_page check_suffix draw_mask find_mask "
+    "cli": "FIGURES NORMALS SHOWN UNCLIPPED_PERCENT axes center_of check_figure check_folder check_format check_page "
+    "check_suffix draw_mask find_mask "
     "identifiers light_on_plane list_folder photograph_files printable project read_directions read_folder segments_of "
     "write_photographs",
     "exchange": "COUNT INDEX OUTSIDE UNCLIPPED_PERCENT VAGUE camera_axes check_rgb dome rays_of reflectance",
