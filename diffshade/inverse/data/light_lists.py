@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Sequence
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -125,7 +125,7 @@ def _row(path: Path, number: int, line: str) -> tuple[str, list[float]]:
         except ValueError:
             continue
         if 3 <= len(numbers) <= most:
-            return PureWindowsPath(name.strip(' "\t')).name, numbers  # which takes both kinds of slashes
+            return re.split(r"[\\/]|^[A-Za-z]:", name.strip(' "\t').rstrip("\\/"))[-1], numbers
     raise ValueError(
         f"{path} must have a name and three numbers a line; got {short(line)} on line {number}. Correct it."
     )
