@@ -99,7 +99,7 @@ class FitFunction(eqx.Module):
         values = natural(theta, of.model.setting.slots.logarithmic)
         determined = of._determined(theta, gram, targets)
         by_name = [
-            {name: each[jnp.array(at)] if len(at) > 1 else each[at[0]] for name, at in self.quantities}
+            {name: each[at[0]] if len(at) == 1 else each[jnp.array(at)] for name, at in self.quantities}
             for each in (values, determined)
         ]
         return FittedValues(by_name[0], of.cost(theta, targets), converged > 0.0, by_name[1])
