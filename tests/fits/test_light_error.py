@@ -390,6 +390,7 @@ def test_errors_of_lights_that_are_known_are_part_of_the_errors():
         assert one_sided.names == ("k_s", "n_s")
 
 
+@pytest.mark.thorough
 def test_known_lights_that_are_exact_change_nothing():
     scene, views, _ = photographed(3)
     exact, without = (ds.fit(scene, views, free="k_d", light_error=error) for error in (np.zeros(3), None))

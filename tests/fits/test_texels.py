@@ -197,6 +197,7 @@ def turned():
     return ball, ds.fit_texels(facing_us(ball), ball.views, free=(*MAPS, "normal"))
 
 
+@pytest.mark.thorough
 def test_normals_are_found_with_the_rest(turned):
     ball, maps = turned
     away = angle(maps.values["normal"], ball.truth["normal"])[maps.known]
@@ -214,6 +215,7 @@ def test_normals_are_found_with_the_rest(turned):
     np.testing.assert_array_equal(np.asarray(rendered)[maps.status > 0], maps.shade(lit=3)[maps.status > 0])
 
 
+@pytest.mark.thorough
 def test_errors_of_normals_hold_where_lights_are_all_about(turned):
     ball, maps = turned
     assert maps.notes == ()
@@ -228,6 +230,7 @@ AROUND = np.linspace(-1.1, 1.1, 20)
 ARC = np.stack([np.sin(AROUND), 0.4 * np.cos(AROUND), 0.9 * np.cos(AROUND)], -1)
 
 
+@pytest.mark.thorough
 def test_coplanar_lights_determine_no_normal_and_a_note_names_the_remedy(turned, caplog):
     """The lights are within half a degree of the plane, as people set them up by hand."""
     lights = ARC + 0.005 * np.random.default_rng(3).standard_normal(ARC.shape)
@@ -247,6 +250,7 @@ def test_coplanar_lights_determine_no_normal_and_a_note_names_the_remedy(turned,
     assert ((error <= 90.0) | np.isinf(error)).all()
 
 
+@pytest.mark.thorough
 def test_lights_about_one_texel_count_where_they_reach_it(turned):
     """Half of the lights lie in a plane; where a mask leaves only those, nothing is known."""
     even = np.arange(20) % 2 == 0
@@ -281,6 +285,7 @@ def test_one_outlier_does_not_scale_a_map(ball, tmp_path):
     np.testing.assert_allclose(np.delete(kept, 7 * SIZE + 9), np.delete(10.0 * k_s, 7 * SIZE + 9), atol=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".npy", ".exr", ".png"])
 def test_maps_are_written_and_read_back(turned, tmp_path, suffix):
     ball, maps = turned

@@ -206,6 +206,7 @@ def test_samples_are_the_mean_of_a_finer_picture(bands):
             break
 
 
+@pytest.mark.thorough
 def test_a_key_moves_samples_within_their_squares():
     one, same, other = (np.asarray(ds.render(EDGED, CAMERA, samples=3, key=jax.random.key(k))) for k in (1, 1, 2))
     np.testing.assert_array_equal(one, same)
@@ -217,6 +218,7 @@ def test_a_key_moves_samples_within_their_squares():
     assert np.abs(moved - ds.render(EDGED, CAMERA)).max() > 0.01
 
 
+@pytest.mark.thorough
 def test_samples_have_the_mean_of_their_derivatives():
     def total(k_d, samples, shape, key=None):
         scene = eqx.tree_at(lambda s: s.objects[0].material.k_d, EDGED, k_d)

@@ -90,9 +90,8 @@ def smooth_pixels(image, flat):
 def brightness(name):
     """The numbers of a scene and its camera, flat and as a tree, and of the former a sum over the smooth pixels."""
     free = jax.tree.map(
-        lambda leaf: (
-            not isinstance(leaf, ds.lamps.Profile) and leaf.dtype != bool
-        ),  # a lamp's table is measured, not fitted
+        # a lamp's table is measured, not fitted
+        lambda leaf: not isinstance(leaf, ds.lamps.Profile) and leaf.dtype != bool,
         SCENES[name],
         is_leaf=lambda node: isinstance(node, ds.lamps.Profile),
     )
@@ -702,7 +701,7 @@ power of ten and at least 1e-09; at pixels where each comparison that the progra
 def numeric_fields():
     """Every numeric field of the model's public classes, `Class.field`; some classes belong to fits."""
     found, of_fits = [], (ds.View, ds.Noise, ds.Sensor, ds.Vignetting, ds.Shot)
-    for name, kind in PUBLIC.items():
+    for name, kind in sorted(PUBLIC.items()):
         if inspect.isclass(kind) and issubclass(kind, Checked) and kind not in of_fits:
             for field in dataclasses.fields(kind):
                 if field.metadata.get("converter") in _KINDS or (kind is ds.GBuffer and field.name != "mask"):

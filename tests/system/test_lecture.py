@@ -133,6 +133,7 @@ def test_the_highlight_of_plastic_is_white_and_that_of_a_metal_has_its_colour():
     np.testing.assert_allclose(of_white[whole], of_white[whole][:, :1] * np.ones(3), rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_twice_the_scale_is_four_times_the_pixels_of_the_same_figure(tmp_path):
     """Words, curves and pictures, also what is drawn on a picture in its pixels."""
     for name in ("half_of_white", "warn_flaps"):
@@ -149,6 +150,7 @@ def test_twice_the_scale_is_four_times_the_pixels_of_the_same_figure(tmp_path):
     np.testing.assert_allclose(stripes[:8, 660, 0], [0, 0, 0, 0, 1, 1, 1, 1])
 
 
+@pytest.mark.thorough
 def test_a_dark_figure_has_light_words_and_the_same_pictures():
     for name in ("kinds_of_light", "half_of_white", "mirror_direction"):
         light, dark = (ds.lecture.draw_figure(name, dark=dark) for dark in (False, True))
@@ -161,7 +163,7 @@ def test_a_dark_figure_has_light_words_and_the_same_pictures():
             assert max(to_rgb(text.get_color())) > 0.5, (name, text.get_text())
 
 
-@pytest.mark.parametrize("suffix", ["svg", "pdf"])
+@pytest.mark.parametrize("suffix", ["svg", pytest.param("pdf", marks=pytest.mark.thorough)])
 def test_svg_and_pdf_hold_the_picture_and_the_curves(suffix, tmp_path):
     (path,) = ds.lecture.write_figures(tmp_path, only="coloured_glass", suffix=suffix, dark=True)
     assert path.name == f"30_coloured_glass.{suffix}"

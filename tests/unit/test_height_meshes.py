@@ -259,6 +259,7 @@ def test_three_js_gets_a_mesh_with_one_shininess(given, tmp_path):
     assert any("one shininess" in note for note in done.notes)
 
 
+@pytest.mark.thorough
 def test_dark_maps_are_brightened(given, tmp_path):
     maps, _, mesh = given
     dark = dataclasses.replace(maps, values={**maps.values, **{k: 0.1 * maps.values[k] for k in ("k_d", "k_s")}})

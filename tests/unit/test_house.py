@@ -243,7 +243,7 @@ INNER = {
     "write_photographs",
     "exchange": "COUNT INDEX OUTSIDE UNCLIPPED_PERCENT VAGUE camera_axes check_rgb dome rays_of reflectance",
     "report": "OUTSIDE STATUS angular_attenuation axes bend developed heights_within is_grey lights_on of_channels "
-    "plane reflectance refract relative_error select visible_points wavelength",
+    "placed plane reflectance refract relative_error select visible_points wavelength",
 }
 
 
