@@ -35,6 +35,7 @@ class Fit:
     solved: Solved = field(repr=False)
     """The problem that was solved, from which checks and examinations go on."""
     values: Float[np.ndarray, " p"]
+    """The fitted values, in the order of `names`: `dict(zip(fit.names, fit.values))` has them by name."""
     errors: Float[np.ndarray, " p"]
     """Standard errors: the true value lies within 1.96 of them 95 % of the time; infinite if it is not determined.
     They are for independent noise if the views agree within it, else by leaving out one view, with all others of its

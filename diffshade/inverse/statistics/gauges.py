@@ -77,10 +77,10 @@ def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
     )
     if not names or any(of and free.issuperset(of) for of in senders):
         return ""
-    scale, hold = ("scales", "holds") if len(names) == 1 else ("scale", "hold")
+    scale, them = ("scales", "it") if len(names) == 1 else ("scale", "them")
     return (
-        f"{listing(names)} {scale} inversely with the lights' intensities, which are taken as exact, and {hold} what "
-        "thin haze changes: no image can check these."
+        f"{listing(names)} {scale} inversely with the lights' intensities, which are taken as exact, and thin haze would "
+        f"change {them}: no image can check these."
     )
 
 
