@@ -79,8 +79,8 @@ def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
         return ""
     scale, them = ("scales", "it") if len(names) == 1 else ("scale", "them")
     return (
-        f"{listing(names)} {scale} inversely with the lights' intensities, which are taken as exact, and thin haze would "
-        f"change {them}: no image can check these."
+        f"{listing(names)} {scale} inversely with the lights' intensities, which are taken as exact, and thin haze "
+        f"would change {them}: no image can check these."
     )
 
 
