@@ -55,7 +55,7 @@ def fit(
     loss: str | None = None,
     clipped: str = "hinge",
     start: str = "search",
-    memory: float = MEMORY,
+    memory: float | int = MEMORY,
     devices: Mesh | None = None,
     progress: bool = False,
 ) -> Fit:

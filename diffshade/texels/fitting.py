@@ -78,7 +78,7 @@ def fit_texels(
     match_exposures: bool = True,
     align: bool = True,
     out: str | os.PathLike[str] | None = None,
-    memory: float = MEMORY,
+    memory: float | int = MEMORY,
     devices: Mesh | None = None,
     progress: bool = False,
 ) -> TexelMaps:

@@ -35,7 +35,7 @@ class TileRunner:
         report_progress: ReportProgress,
         *,
         out: str | os.PathLike[str] | None,
-        memory: float,
+        memory: float | int,
         devices: Mesh | None,
     ):
         """Cut the views into tiles and open the store of the results.

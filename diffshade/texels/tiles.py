@@ -97,7 +97,7 @@ class ViewReader:
         self.repeated = ViewSet.of(scene, views).repeats
         self.tops = [top_of_view(view) for view in views]
 
-    def rows_of(self, memory: float) -> int:
+    def rows_of(self, memory: float | int) -> int:
         """Return how many rows a band may have for its photographs, as read and laid out, to fit in `memory` bytes."""
         images = (v.image for v in self.views)
         row = sum(2 * image.shape[1] * image.shape[2] * np.dtype(image.dtype).itemsize for image in images)
