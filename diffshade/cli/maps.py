@@ -205,20 +205,18 @@ class TexelFit:
 
         import diffshade as ds
 
-        every = self.found.views
-        which = [k for k, i in enumerate(self.seen) if any(every[i] is view for view in views)]
         memory: dict[str, Any] = {} if self.typed.memory is None else {"memory": int(self.typed.memory * 1e9)}
         return ds.fit_texels(
             self.found.scene,
             views,
             free=self.free,
             loss=self.typed.loss,
-            regions=np.zeros(every[0].camera.shape, int) if self.shared else None,
+            regions=np.zeros(views[0].camera.shape, int) if self.shared else None,
             neighbours=self.neighbours,
             match_exposures=self.match_exposures,
             align=self.align,
             light_error=self._light_error(),
-            out=self.out if len(which) == len(self.seen) else None,
+            out=self.out if len(views) == len(self.seen) else None,
             progress=True,
             **memory,
         )

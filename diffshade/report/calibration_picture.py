@@ -10,6 +10,7 @@ import numpy as np
 from ..calibration.balls import axes as axes_of
 from ..core.extras import needing
 from ..model.cameras import OrthographicCamera
+from .figures import DPI
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +42,7 @@ def draw_calibration(balls: Sequence[Calibration] | Calibration) -> Figure:
     with needing("figures", "cannot draw a calibration"):
         from matplotlib.figure import Figure
     each: Sequence[Calibration] = balls if isinstance(balls, Sequence) else (balls,)
-    figure = Figure(figsize=(2 * INCH, INCH * len(each)), layout="constrained")
+    figure = Figure(figsize=(2 * INCH, INCH * len(each)), dpi=DPI, layout="constrained")
     axes: Any = figure.subplots(len(each), 2, squeeze=False)
     for row, ((left, right), found) in enumerate(zip(axes, each, strict=True), start=1):
         which = f"{found.ball} ball {row} of {len(each)}" if len(each) > 1 else f"{found.ball} ball"

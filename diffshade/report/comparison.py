@@ -13,6 +13,7 @@ from ..inverse.data.views import View
 from ..inverse.result import Fit, Prediction
 from ..io.encodings import srgb_encode
 from .drawn_bands import drawn_bands
+from .figures import DPI
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +50,7 @@ def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[
     white = max(map(drawn.white, predictions)) or 1.0
     limit = max(float(np.quantile(np.abs(_signed(p).compressed()), 0.99)) for p in predictions) or 1e-12
 
-    figure = matplotlib.figure.Figure(figsize=(9.6, 3.1 * len(views) + 0.3), layout="constrained")
+    figure = matplotlib.figure.Figure(figsize=(9.6, 3.1 * len(views) + 0.3), dpi=DPI, layout="constrained")
     rows = figure.subplots(len(views), 3, squeeze=False)
     for row, p, title in zip(rows, predictions, titles, strict=True):
         row[0].imshow(_display(drawn.of(p.target), p, white))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUFFIXES = (".png", ".pdf", ".svg")
+DPI = 110  # of a figure, unless what draws it has another
 
 
 def write_figure(path: str | Path, figure: Figure) -> None:
@@ -26,10 +26,8 @@ def write_figure(path: str | Path, figure: Figure) -> None:
         OSError: The file cannot be written.
     """
     check_figure(path)
-    held = io.BytesIO()
-    figure.savefig(held, format=Path(path).suffix[1:].lower(), dpi=110)
     with replacing(path) as temporary:
-        temporary.write_bytes(held.getvalue())
+        figure.savefig(temporary)
 
 
 def check_figure(path: str | Path) -> None:

@@ -14,6 +14,7 @@ from ..core.fields import check_kind, in_short
 from ..model.measured_lights import MeasuredLight
 from ..model.photometry import plane
 from ..model.vectors import Vec3, cross, dot, normalize
+from .figures import DPI
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,7 +83,7 @@ def draw_lamp(lamp: MeasuredLight, *, distance: float = 3.0) -> Figure:
     shown = light_on_plane(lamp, distance)
     words = "\n".join(textwrap.fill(line, LETTERS, subsequent_indent="  ") for line in str(lamp).splitlines())
     below = LINE * (words.count("\n") + 3)
-    figure = Figure(figsize=(2 * INCH, INCH + below), layout="constrained")
+    figure = Figure(figsize=(2 * INCH, INCH + below), dpi=DPI, layout="constrained")
     rows: Any = figure.add_gridspec(2, 2, height_ratios=(INCH, below))
     _polar(figure.add_subplot(rows[0, 0], projection="polar"), lamp)
     _plane(figure, figure.add_subplot(rows[0, 1]), shown, distance, lamp.label.unit)

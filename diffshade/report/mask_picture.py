@@ -29,7 +29,7 @@ def draw_mask(found: FoundMask) -> Figure:
     shown = np.sqrt(np.clip(found.picture / max(float(np.quantile(found.picture, WHITE)), 1e-12), 0.0, 1.0))
     rows, columns = shown.shape
     panels = {"mask": found.small, **found.ways}
-    figure = Figure(figsize=(INCH * len(panels), INCH * rows / columns + 0.3), layout="constrained")
+    figure = Figure(figsize=(INCH * len(panels), INCH * rows / columns + 0.3), dpi=72, layout="constrained")
     axes: Any = figure.subplots(1, len(panels))
     for at, (name, way) in zip(axes, panels.items(), strict=True):
         at.imshow(shown, cmap="gray")

@@ -147,6 +147,9 @@ def test_twice_the_scale_is_four_times_the_pixels_of_the_same_figure(tmp_path):
         assert np.abs(shrunk - small).mean() < 5, name  # words are hinted
     stripes = pictures(ds.lecture.draw_figure("half_of_white", scale=2))[0]
     assert stripes.shape == (240, 1320, 3)
+    ds.write_figure(tmp_path / "one.png", ds.lecture.draw_figure("half_of_white", scale=2))
+    (drawn,) = (tmp_path / "2").glob("*half_of_white.png")
+    assert (tmp_path / "one.png").read_bytes() == drawn.read_bytes()
     np.testing.assert_allclose(stripes[:8, 660, 0], [0, 0, 0, 0, 1, 1, 1, 1])
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ...core.extras import check_extra
 from ...core.progress import showing
 from ...core.words import did_you_mean, listing
-from ...io.files import replacing
+from ..figures import write_figure
 from . import air, diffuse, display, lamps, mirror, rays, specular, transparent, warn, whole
 from .dark import darken
 from .pictures import SCALE
@@ -107,8 +107,7 @@ def write_figures(
             if name in wanted:
                 report_progress(name, len(paths) / len(wanted))
                 paths.append(folder / f"{i + 1:02}_{name}.{suffix}")
-                with replacing(paths[-1]) as temporary:
-                    draw_figure(name, dark=dark, scale=scale).savefig(temporary)
+                write_figure(paths[-1], draw_figure(name, dark=dark, scale=scale))
     return tuple(paths)
 
 
@@ -121,7 +120,7 @@ def draw_figure(name: str, *, dark: bool = False, scale: int = 1) -> Figure:
         scale: Pixels in place of each, across, 1 to 4; 1 by default, 120 an inch.
 
     Returns:
-        The figure, Matplotlib's; `savefig` writes it.
+        The figure, Matplotlib's; `write_figure` writes it.
 
     Raises:
         ValueError: If the name is unknown, or the scale is none of 1 to 4.

@@ -1,7 +1,7 @@
 "use strict";
-// The picture of the maps: shadow.glsl and median.glsl, or beyond.glsl, then maps.glsl where the maps are, onto the canvas or, where it
-// is interpolated, averaged or compared, by present.glsl. While it changes, a machine that cannot draw ten pictures a
-// second draws fewer pixels; at rest there are all, each a mean of several samples.
+// The picture of the maps: shadow.glsl and median.glsl, or beyond.glsl, then maps.glsl where the maps are, onto the
+// canvas or, where it is interpolated, averaged or compared, by present.glsl. While it changes, a machine that cannot
+// draw ten pictures a second draws fewer pixels; at rest there are all, each a mean of several samples.
 const mapPicture = (canvas, gl, scene, textures) => {
   const SAMPLES = 8;           // of a pixel at rest, where it is wider than a texel
   const SLOW = 100, FAST = 60;  // milliseconds between pictures from which they get fewer or more pixels
