@@ -104,7 +104,8 @@ def modules() -> dict[str, dict[str, list[str]]]:
         home = importlib.import_module(module)
         for topic, names in by_topic.items():
             by_topic[topic] = [of for name in names for of in (name, *_results(home, name, public))]
-        vars(home)["__all__"] = [name for names in by_topic.values() for name in names]  # what pdoc shows
+        shown = [name for names in by_topic.values() for name in names]
+        vars(home).update({name: getattr(home, name) for name in shown}, __all__=shown)  # what pdoc shows
     return found
 
 

@@ -8,17 +8,19 @@ maps. `write_rti` writes maps as a folder or `.ptm` file for viewers of relighta
 `photographs_of` makes photographs of it.
 """
 
-from ..inverse.data.relightable import photographs_of as photographs_of
-from ..io.meshes import frame_mesh as frame_mesh
-from ..io.meshes import read_mesh as read_mesh
-from ..io.meshes import read_mesh_parts as read_mesh_parts
-from ..io.rti_files import RelightableImage as RelightableImage
-from ..io.rti_files import read_rti as read_rti
-from ..model.named_materials import material_error as material_error
-from .lobe_refits import with_lobe as with_lobe
-from .material_files import read_lights as read_lights
-from .material_files import read_material as read_material
-from .material_files import read_materials as read_materials
-from .material_files import write_material as write_material
-from .mesh_files import write_mesh as write_mesh
-from .rti_folders import write_rti as write_rti
+import lazy_loader
+
+# a module of this room, such as that of materials, does not load those of meshes and maps; __init__.pyi is for types
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    "diffshade",
+    submod_attrs={
+        "inverse.data.relightable": ["photographs_of"],
+        "io.meshes": ["frame_mesh", "read_mesh", "read_mesh_parts"],
+        "io.rti_files": ["RelightableImage", "read_rti"],
+        "model.named_materials": ["material_error"],
+        "exchange.lobe_refits": ["with_lobe"],
+        "exchange.material_files": ["read_lights", "read_material", "read_materials", "write_material"],
+        "exchange.mesh_files": ["write_mesh"],
+        "exchange.rti_folders": ["write_rti"],
+    },
+)

@@ -10,6 +10,6 @@ PUBLIC = TOP | {
     name: of
     for room, module in ROOMS.items()
     if room != "extension"
-    for name, of in vars(module).items()
-    if not name.startswith("_") and not inspect.ismodule(of)
+    for name in dir(module)
+    if not name.startswith("_") and not inspect.ismodule(of := getattr(module, name))
 }

@@ -36,6 +36,8 @@ def test_a_public_room_is_imported_as_a_module_and_says_what_is_in_it():
     for name, room in ROOMS.items():
         assert importlib.import_module(f"diffshade.{name}") is room
         assert room.__doc__
+    typed = Path(ds.exchange.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    assert sorted(re.findall(r" as (\w+)$", typed, re.MULTILINE)) == sorted(dir(ds.exchange))
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

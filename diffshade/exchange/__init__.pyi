@@ -1,0 +1,14 @@
+from ..inverse.data.relightable import photographs_of as photographs_of
+from ..io.meshes import frame_mesh as frame_mesh
+from ..io.meshes import read_mesh as read_mesh
+from ..io.meshes import read_mesh_parts as read_mesh_parts
+from ..io.rti_files import RelightableImage as RelightableImage
+from ..io.rti_files import read_rti as read_rti
+from ..model.named_materials import material_error as material_error
+from .lobe_refits import with_lobe as with_lobe
+from .material_files import read_lights as read_lights
+from .material_files import read_material as read_material
+from .material_files import read_materials as read_materials
+from .material_files import write_material as write_material
+from .mesh_files import write_mesh as write_mesh
+from .rti_folders import write_rti as write_rti
