@@ -16,18 +16,21 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from ..core import fields
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
-from ..model.scenes import Scene
+from ..model.cameras import AbstractCamera
+from ..model.scenes import Scene, stack_scene
 from .data.view_sets import ViewSet
 from .data.views import View
 from .fitting import check_choices, check_free, new_problem
 from .forward.gram import Point
-from .forward.interface import AbstractForwardModel
-from .pixels.blocks import Block
+from .forward.interface import AbstractForwardModel, Pixels
+from .pixels.blocks import Block, chunks, rows_and_columns
 from .problem import FitProblem
 from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
 from .solve.start_search import best_linear, groups_to_try
 from .unknowns.constraints import Grey, Proportional
 from .unknowns.parameters import find_unknowns
+from .unknowns.places import Place
+from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, natural
 
 TOGETHER = 16  # fits of a batch that take their steps together: their pixels stay in a core's cache
@@ -50,10 +53,11 @@ class FittedValues(eqx.Module):
 
 
 class FitFunction(eqx.Module):
-    """A fit of one setup as a pure JAX function of its images; `fit_function` makes it.
+    """A fit of one setup as a pure JAX function of its images, and of what is known; `fit_function` makes it.
 
     `function(*images)` takes one image for each view and returns `FittedValues`; `function.residuals(theta, *images)`
-    are the residuals at the unknowns, in the order of `names`.
+    are the residuals at the unknowns, in the order of `names`. Both take another scene and other cameras, by which the
+    values have derivatives.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -62,6 +66,11 @@ class FitFunction(eqx.Module):
     """Each name of the values, `k_d`, with the places of its unknowns; one place for a number without channels."""
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """The shape of each view's image."""
+    scene: Scene
+    """The scene and, next, the camera of each view that a call has by default."""
+    cameras: tuple[AbstractCamera, ...]
+    bases: tuple[Place | None, ...] = eqx.field(static=True)
+    """The known number that each `Proportional` multiplies by its unknown factor; None where it multiplies none."""
     model: AbstractForwardModel
     """Of which all samples of a view weigh alike."""
     priors: PriorResiduals
@@ -69,6 +78,8 @@ class FitFunction(eqx.Module):
     chunk: Block
     index: Int[fields.Array, "blocks channels pixels"]
     """Where each sample is in the images, one after another; -1 for padding."""
+    places: tuple[Float[fields.Array, "blocks pixels"], Float[fields.Array, "blocks pixels"]]
+    """The row and the column of each pixel; 0 for padding."""
     start: Float[fields.Array, " p"]
     groups: tuple[tuple[Int[fields.Array, " m"], Float[fields.Array, "n m"]], ...]
     """For each group of unknowns that a search tries together: which they are, and the values that it tries."""
@@ -76,24 +87,35 @@ class FitFunction(eqx.Module):
     __hash__ = object.__hash__  # jax.jit looks the program of a function up by it; arrays have none
     __eq__ = object.__eq__
 
-    def __call__(self, *images: Float[ArrayLike, "..."]) -> FittedValues:
+    def __call__(
+        self,
+        *images: Float[ArrayLike, "..."],
+        scene: Scene | None = None,
+        cameras: Sequence[AbstractCamera] | AbstractCamera | None = None,
+    ) -> FittedValues:
         """Fit the images.
 
         The start is the best of the points that the search of `fit` tries, each at its best linear unknowns; the steps
-        are those of `fit`. The derivative by the images is that of the minimum (implicit function theorem): with C the
-        cost, d theta = -(d2C/dtheta2)^-1 d2C/dtheta dy dy. It is 0 for an unknown at a bound, for one that changes no
-        prediction, and along a direction that changes none.
+        are those of `fit`. The derivatives by the images, the scene and the cameras are those of the minimum (implicit
+        function theorem): with C the cost and y any of these numbers, d theta = -(d2C/dtheta2)^-1 d2C/dtheta dy dy.
+        They are 0 for an unknown at a bound, for one that changes no prediction, and along a direction that changes
+        none.
 
         Args:
             images: The image of each view, of the shape of the one given to `fit_function`.
+            scene: A scene with other known numbers, such as a light's position; all else is as it was given to
+                `fit_function`, which is the default. Its values of the unknowns count for nothing.
+            cameras: The camera of each view, or the one camera, likewise. Whatever the cameras, the pixels that count
+                stay those that counted for `fit_function`, and derivatives are of the fit to these. Where a surface is
+                seen from its edge they grow without bound: mask out the outermost pixels.
 
         Returns:
             The values, the cost, whether the solver converged, and which values the images determine.
 
         Raises:
-            ValueError: An image has another shape.
+            ValueError: An image has another shape, or the scene or the cameras differ by more than their numbers.
         """
-        of = self._in_jax()
+        of = self._with(scene, cameras)
         targets = of._targets(images)
         theta, (converged, gram) = of._minimum(targets)
         values = natural(theta, of.model.setting.slots.logarithmic)
@@ -104,29 +126,60 @@ class FitFunction(eqx.Module):
         ]
         return FittedValues(by_name[0], of.cost(theta, targets), converged > 0.0, by_name[1])
 
-    def residuals(self, theta: Float[Array, " p"], *images: Float[ArrayLike, "..."]) -> Float[Array, " samples"]:
+    def residuals(
+        self,
+        theta: Float[Array, " p"],
+        *images: Float[ArrayLike, "..."],
+        scene: Scene | None = None,
+        cameras: Sequence[AbstractCamera] | AbstractCamera | None = None,
+    ) -> Float[Array, " samples"]:
         """Return prediction - image, over its standard deviation where the views have noise; 0 for padding.
 
         Args:
             theta: The unknowns, in the order of `names`; exponents as their logarithms.
             images: The image of each view.
+            scene: As a fit takes it.
+            cameras: As a fit takes them.
 
         Returns:
             The residuals.
 
         Raises:
-            ValueError: An image has another shape.
+            ValueError: An image has another shape, or the scene or the cameras differ by more than their numbers.
         """
-        of = self._in_jax()
+        of = self._with(scene, cameras)
         return of._residuals(theta, of._targets(images)).ravel()
 
     def cost(self, theta: Array, targets: Array) -> Array:
         """Return half the sum of squares of the residuals."""
         return 0.5 * jnp.sum(self._residuals(theta, targets) ** 2) + self.priors.gram(theta).cost
 
-    def _in_jax(self) -> FitFunction:
-        """Return the function with arrays of the precision of the program that calls it."""
-        return jax.tree.map(jnp.asarray, self)
+    def _with(self, scene: Scene | None, cameras: Sequence[AbstractCamera] | AbstractCamera | None) -> FitFunction:
+        """Return the function with other known numbers, and arrays of the precision of the program that calls it."""
+        of: FitFunction = jax.tree.map(jnp.asarray, self)
+        if scene is None and cameras is None:
+            return of
+        cameras = (cameras,) if isinstance(cameras, AbstractCamera) else cameras
+        given = self.scene if scene is None else scene, self.cameras if cameras is None else tuple(cameras)
+        for name, new, own in zip(("scene", "cameras"), given, (self.scene, self.cameras), strict=True):
+            if not eqx.tree_equal(jax.tree.map(np.shape, new), jax.tree.map(np.shape, own)):
+                raise ValueError(
+                    f"{name} may differ from what fit_function was given by the values of numbers alone; got other "
+                    "parts or shapes. Make another fit function of it."
+                )
+        over_pixels, rest = apart(jax.tree.map(jnp.asarray, given[0]))
+        projections = [camera.projection() for camera in jax.tree.map(jnp.asarray, given[1])]
+        products = zip(of.model.setting.slots.products[2], of.bases, strict=True)
+        constants = [known if base is None else base.whole.value_in(rest, ())[base.channel] for known, base in products]
+        model = eqx.tree_at(
+            lambda m: (m.setting.setup.scene, m.setting.projections, m.setting.slots.products[2]),
+            of.model,
+            (stack_scene(rest), jax.tree.map(lambda *each: jnp.stack(each), *projections), jnp.array(constants)),
+        )
+        there = tuple(of_pixel.astype(int) for of_pixel in of.places)
+        pixels = Pixels(*of.places, jax.tree.map(lambda leaf: leaf[there], over_pixels))
+        points = model.points(pixels, of.chunk.view, jnp.any(of.index >= 0, 1))
+        return eqx.tree_at(lambda f: (f.model, f.chunk.points), of, (model, points))
 
     def _targets(self, images: Sequence[ArrayLike]) -> Float[Array, "blocks channels pixels"]:
         shapes = tuple(jnp.shape(image) for image in images)
@@ -147,6 +200,10 @@ class FitFunction(eqx.Module):
         weights = jax.lax.stop_gradient(jax.lax.map(self.model.sample_weights, self.chunk))
         counts = (self.index >= 0) & (weights > 0.0)
         return jnp.where(counts, jnp.sqrt(jnp.where(counts, weights, 1.0)) * samples, 0.0)
+
+    def _squares(self, targets: Array) -> Array:
+        """Return the sum of squares of the images, with which rounding is compared."""
+        return jnp.sum(self._whitened(targets) ** 2)
 
     def _minimum(self, targets: Array) -> tuple[Array, tuple[Array, Array]]:
         """Return the minimum, 1 where the solver converged, and J^T J there; with the derivatives of an implicit root.
@@ -182,8 +239,7 @@ class FitFunction(eqx.Module):
             tried = jax.vmap(theta.at[members].set)(values)
             found, costs = jax.lax.map(lambda at: judged(jnp.clip(at, self.box.lower, self.box.upper)), tried)
             theta = found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-        squares = jnp.sum(self._whitened(targets) ** 2)
-        return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects)
+        return minimum_in_jax(theta, evaluate, self.box, self._squares(targets), projects=projects)
 
     def _determined(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
         """Return which unknowns change the prediction by more than rounding, in no direction that changes none.
@@ -193,7 +249,7 @@ class FitFunction(eqx.Module):
         """
         half_the_digits = float(jnp.finfo(gram.dtype).eps) ** 0.5
         effect = jnp.sqrt(jnp.diagonal(gram)) * jnp.maximum(1.0, jnp.abs(theta))
-        rounding = half_the_digits * jnp.sqrt(jnp.sum(self._whitened(targets) ** 2))
+        rounding = half_the_digits * jnp.sqrt(self._squares(targets))
         shown = effect > jnp.where(self.box.linear, 0.0, rounding)
         scale = jnp.where(shown, jax.lax.rsqrt(jnp.where(shown, jnp.diagonal(gram), 1.0)), 0.0)
         scaled = gram * jnp.outer(scale, scale) + jnp.diag(jnp.where(shown, 0.0, 1.0))
@@ -208,9 +264,15 @@ def _searched(function: FitFunction, targets: Array) -> tuple[Point, Array]:
 
 
 @_searched.def_vmap
-def _(size: int, batched: tuple, function: FitFunction, targets: Array) -> tuple:
+def _(size: int, batched: list, function: FitFunction, targets: Array) -> tuple:
     """Search for a few at once: none of the others then waits for the slowest of all."""
-    found = jax.lax.map(function._search, targets, batch_size=min(size, TOGETHER))
+    each, shared = eqx.partition((function, targets), tuple(batched))
+
+    def search(one: tuple) -> tuple[Point, Array]:
+        function, targets = eqx.combine(one, shared)
+        return function._search(targets)
+
+    found = jax.lax.map(search, each, batch_size=min(size, TOGETHER))
     return found, jax.tree.map(lambda _: True, found)
 
 
@@ -233,7 +295,7 @@ def fit_function(
     constraints: Sequence[Grey | Proportional] | Grey | Proportional = (),
     priors: Mapping[str, Sequence[Any]] | None = None,
 ) -> FitFunction:
-    """Return a fit as a pure JAX function of its images: `jax.vmap` fits many at once, `jax.grad` goes through it.
+    """Return a fit as a pure JAX function: `jax.vmap` fits many images at once, `jax.grad` goes through it.
 
     The cost is a sum of squares; there is no error bar. Use `fit` for one fit of which more is to be known. The
     function computes in the precision of the program that calls it: in float32 the normal equations keep about three
@@ -253,7 +315,8 @@ def fit_function(
 
     Returns:
         The function f: `f(image, image, ...)`, an argument for each view, returns `FittedValues`: `values` and
-        `determined` by name, `cost` and `converged`. `jax.vmap(f)` takes a batch for each argument.
+        `determined` by name, `cost` and `converged`. `jax.vmap(f)` takes a batch for each argument. `f(image,
+        scene=scene, cameras=cameras)` has other known numbers, by which `values` have derivatives, too.
 
     Raises:
         ValueError: As `fit` raises it; or there are priors without noise; or a view has a sensor, clipped samples or
@@ -291,17 +354,25 @@ def fit_function(
                 "out, or use fit."
             )
         shapes = tuple(np.shape(view.image) for view in views)
-        chunk = jax.tree.map(lambda *of: np.concatenate(of), *_numbered(problem, shapes).chunks())
+        numbered = _numbered(problem, shapes)
+        size = numbered.size_for(None)
+        parts = numbered.pieces(None, size)
+        laid = numbered.lay_out(parts, size), [rows_and_columns(of, size) for of in chunks(parts)]
+        chunk, places = (jax.tree.map(lambda *of: np.concatenate(of), *each) for each in laid)
         told = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
         made = FitFunction(
             tuple(unknown.name for unknown in unknowns),
             _quantities(unknowns),
             tuple(shape[:2] if shape[2] == 1 else shape for shape in shapes),
+            scene,
+            tuple(view.camera for view in views),
+            tuple(None if unknown.places else x.base for unknown in unknowns for x in unknown.products),
             problem.model,
             problem.priors(1.0),
             problem.box,
             chunk,
             chunk.observed.target.astype(int) - 1,
+            places,
             np.clip(np.where(problem.box.linear, 0.0, told), problem.box.lower, problem.box.upper),
             tuple((np.array(of.members), of.values) for of in groups_to_try(unknowns, scene)),
         )

@@ -1,5 +1,7 @@
 """Fit functions: many small fits at once, and derivatives through a fit."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -143,6 +145,8 @@ def test_what_it_does_not_know_is_refused():
     refuses(lambda: ds.fit_function(TOLD, view, free=FREE, priors={"k_a": (0.1, 0.01)}), "priors", "View.noise")
     refuses(lambda: ds.fit_function(TOLD, ds.View(images[0], camera(16), saturation=0.15), free=FREE), "clipped")
     refuses(lambda: ds.fit_function(TOLD, view, free="kd"), "'kd'", "k_d")
+    refuses(lambda: function(images[0], scene=ds.Scene(TOLD.objects, LAMPS[:1])), "scene", "Make another fit function")
+    refuses(lambda: function(images[0], cameras=camera(15)), "cameras", "Make another fit function")
 
 
 @pytest.mark.thorough
@@ -167,6 +171,108 @@ def test_it_takes_what_fit_takes():
     np.testing.assert_allclose(values, fit.values, rtol=1e-5)
     tied = ds.fit_function(TOLD, views, free=("k_d", "intensity"), tied=("intensity",))
     assert [name for name, _ in tied.quantities] == ["k_d", "intensity"]
+
+
+# By what is known: setups of numbers x, each with the values that are fitted and with x itself
+
+
+def lit_from(x):
+    """A lamp's position and intensity, a direction, and a camera's eye and angle."""
+    lamps = ds.PointLight(x[:3], x[3], LAMPS[0].attenuation), ds.DirectionalLight(x[4:7], 0.3)
+    return ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.05, 0.5, 0.3, 20)), lamps), ds.Camera(
+        eye=x[7:10], fov=x[10], shape=(16, 16)
+    )
+
+
+def lit_by_lamps_that_are_sought(x):
+    material = ds.Material(0.05, 0.5, 0.3, 20)
+    lamps = ds.PointLight(LAMPS[0].position, x[0], LAMPS[0].attenuation), ds.DirectionalLight((1, -1, -1), x[1])
+    return ds.Scene(ds.Object(ds.Sphere(), material), lamps), ds.Camera(eye=(0, 0, 4), fov=x[2], shape=(16, 16))
+
+
+def of_a_known_colour(x):
+    """A highlight of the surface's own colour, of which the brightness is known."""
+    k_d = x[0] * np.array((0.6, 0.45, 0.3))
+    return ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.05, k_d, 0.5 * k_d, 20)), LAMPS), ds.Camera(
+        eye=(0, 0, 4), fov=x[1], shape=(16, 16)
+    )
+
+
+def in_fog(x):
+    """Rendered: a floor, and a pattern over the pixels."""
+    pattern = x[2] * np.linspace(0.3, 0.6, 768).reshape(16, 16, 3)
+    objects = (
+        ds.Object(ds.Plane((0, -1, 0)), ds.Material(0.1, 0.4)),
+        ds.Object(ds.Sphere(), ds.Material(0.1, pattern, 0.2, 20, ds.Blinn()), name="ball"),
+    )
+    scene = ds.Scene(objects, LAMPS, atmosphere=ds.Fog(x[0], I_dc=(0.3, 0.4, 0.5)))
+    return scene, ds.Camera(eye=(0, 0, 4), fov=x[1], shape=(16, 16))
+
+
+SETUPS = {
+    "lights and camera": (lit_from, (2, 3, 4, 20, 1, -1, -1, 0, 0, 4, 35), {"free": FREE}),
+    "moving lights": (
+        lit_by_lamps_that_are_sought,
+        (20, 0.3, 35),
+        {"free": ("k_d", "k_s", "n_s", "lights.0.position", "lights.1.direction")},
+    ),
+    "a known colour": (
+        of_a_known_colour,
+        (1, 35),
+        {"free": ("k_a", "k_s", "n_s"), "constraints": ds.Proportional("k_s", "k_d")},
+    ),
+    "fog": (in_fog, (0.1, 35, 1), {"free": ("ball.material.k_a", "ball.material.k_s", "ball.material.n_s")}),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "name", [pytest.param(of, marks=[pytest.mark.slow] * (of == "moving lights")) for of in SETUPS]
+)
+def test_a_fit_moves_with_what_is_known_as_whole_fits_do(name):
+    """Forward and reverse, against differences of fits; the outermost pixels, where rays graze, are left out."""
+    setup, x, options = SETUPS[name]
+    scene, seen = setup(np.array(x, float))
+    image = np.asarray(ds.render(scene, seen), float)
+    image = image + np.random.default_rng(1).normal(0, 0.01, image.shape)
+    mask = np.asarray(ds.intersect(TOLD, ds.Camera(eye=(0, 0, 4), fov=39, shape=(16, 16))).mask)
+    function = ds.fit_function(scene, ds.View(image, seen, mask=mask), **options)
+
+    def end(x):
+        scene, seen = setup(x)
+        found = function(image, scene=scene, cameras=seen)
+        return jnp.concatenate([*map(jnp.ravel, found.values.values()), found.cost[None]])
+
+    x, h, whole = jnp.array(x, float), 1e-4, jax.jit(end)
+    forward, reverse = jax.jit(jax.jacfwd(end))(x), jax.jit(jax.jacrev(end))(x)
+    steps = h * jnp.eye(len(x))
+    differences = np.stack(
+        [(8 * (whole(x + d) - whole(x - d)) - (whole(x + 2 * d) - whole(x - 2 * d))) / (12 * h) for d in steps], 1
+    )
+    scale = np.abs(differences).max(1, keepdims=True)
+    assert (np.abs(differences).max(0) > 0).all()  # each number shows
+    np.testing.assert_allclose(forward / scale, differences / scale, atol=1e-4)
+    np.testing.assert_allclose(reverse / scale, forward / scale, atol=1e-9)
+
+
+@pytest.mark.thorough
+def test_scenes_at_once_are_fitted_as_each_alone():
+    """Twice the light is half the material, and the derivative by the whole scene says so."""
+    scene, seen = lit_from(np.array(SETUPS["lights and camera"][1], float))
+    image = np.asarray(ds.render(scene, seen), float).mean(-1)
+    function = ds.fit_function(scene, ds.View(image, seen), free=FREE)
+
+    def k_d(brightness):
+        lamps = [dataclasses.replace(lamp, intensity=lamp.intensity * brightness) for lamp in scene.lights]
+        return function(image, scene=dataclasses.replace(scene, lights=lamps)).values["k_d"]
+
+    np.testing.assert_allclose(jax.jit(jax.vmap(k_d))(jnp.array([0.5, 1.0, 2.0])), [1.0, 0.5, 0.25], rtol=1e-6)
+    slopes = jax.jit(jax.grad(lambda scene: function(image, scene=scene).values["k_d"]))(function.scene)
+    pairs = zip(slopes.lights, scene.lights, strict=True)
+    np.testing.assert_allclose(sum(np.sum(by.intensity * of.intensity) for by, of in pairs), -0.5, rtol=1e-6)
+    theta = jnp.array([0.05, 0.5, 0.3, jnp.log(20.0)])
+    assert jnp.abs(function.residuals(theta, image, scene=scene, cameras=[seen])).max() < 1e-6
+    assert jnp.abs(function.residuals(theta, image, cameras=ds.Camera((0, 0, 3), shape=(16, 16)))).max() > 0.01
 
 
 @pytest.mark.slow

@@ -39,9 +39,11 @@ from .lighting import (
     Seen,
     faded,
     fields_of_chunk,
+    fields_seen,
     fields_seen_by_chunk,
     intensities_of,
     lit_by,
+    points_seen,
     seen_by_chunk,
     shaded,
 )
@@ -98,6 +100,10 @@ class FeatureModel(AbstractForwardModel):
         if any(self.placed):
             return super().fields(pixels, view, counts)
         return fields_seen_by_chunk(self.setting, pixels, view, counts)
+
+    def points(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
+        """Return `fields` as a part of another program, with derivatives by the scene and the cameras."""
+        return (points_seen if any(self.placed) else fields_seen)(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, view: Array, points: Fields | Seen) -> list[Any]:
         """Return F of a block: 1, then u and v of each light, then their derivatives for each light."""

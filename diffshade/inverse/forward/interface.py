@@ -89,6 +89,10 @@ class AbstractForwardModel(eqx.Module):
         """Return what `predict` needs to know of a chunk's pixels."""
         return self.lit(self.seen(pixels, view, counts), view)
 
+    def points(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
+        """Return `fields` as a part of another program, with derivatives by the scene and the cameras."""
+        return pixels
+
     @abstractmethod
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the samples of a block should be, unclipped, one array per channel.
