@@ -46,6 +46,13 @@ def test_it_is_thin_and_has_no_outputs(path):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_no_cell_ends_with_sliders(path):
+    """`jupyter nbconvert --execute` waits for ever for such a cell, now and then (nbclient issue 312)."""
+    cells = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    assert all("plt.subplots(" in cell.rpartition("interact(")[2] for cell in cells if "interact(" in cell)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_what_it_calls_is_public(path):
     code = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code")
     assert not set(re.findall(r"\bds\.(\w+)", code)) - set(dir(ds))
