@@ -15,8 +15,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ..core.extras import needing
-from ..core.thresholds import SMALL
-from ..inverse.data.masks import SIDE
+from ..core.thresholds import SIDE, SMALL
 from .balls import circle, near_one_circle
 
 Picture = Float[np.ndarray, "h w"]
@@ -48,12 +47,6 @@ def find_edges(shown: Picture) -> list[Edge]:
         if edge is not None and not any(alike(edge.circle, other.circle, REACHES[-1]) for other in found):
             found.append(edge)
     return found
-
-
-def brightened(picture: Picture) -> Picture:
-    """Return the root of a picture over its bright parts, from 0 to 1: a dark edge counts too."""
-    picture = np.nan_to_num(picture, posinf=0.0)
-    return np.sqrt(np.clip(picture / max(float(np.quantile(picture, 0.99)), 1e-12), 0.0, 1.0))
 
 
 def shrunk(picture: Picture, longest: int) -> tuple[Picture, float]:

@@ -15,15 +15,14 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from ..core.robust_scale import robust_scale
-from ..core.thresholds import CLEARLY, FEW, MINOR, MOST, SMALL
-from ..inverse.data.masks import SIDE
+from ..core.thresholds import CLEARLY, FEW, MINOR, MOST, SIDE, SMALL
+from ..io.encodings import brightened
 from .edges import (
     REACHES,
     Circle,
     Picture,
     Points,
     alike,
-    brightened,
     disc,
     find_edges,
     refine,

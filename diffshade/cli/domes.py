@@ -27,11 +27,11 @@ def dome(fit: ds.Fit) -> list[ds.Shot]:
 
     import diffshade as ds
 
-    from ..calibration.balls import axes, project
     from ..inverse.misfit.regions import center_of
+    from ..texels.heights.mesh import camera_axes
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
-    frame = axes(project(camera))
+    frame = np.stack(camera_axes(camera))
     if light.placement == ("direction",):
         return [
             ds.Shot(light=dataclasses.replace(light, direction=-towards), name=name)

@@ -48,7 +48,7 @@ def put_picture(
 
     import diffshade as ds
 
-    from ..texels.maps import UNCLIPPED_PERCENT
+    from ..core.thresholds import UNCLIPPED_PERCENT
 
     said, factor = None, exposure
     if isinstance(factor, str):

@@ -163,7 +163,7 @@ def _index(word: str) -> int:
 @click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")
 @click.argument("folder", type=FOLDER)
 @click.option("--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]")
-@click.option("--suffix", type=OneOf(("png", "svg", "pdf")), default="png", help="png, svg or pdf  [default: png]")
+@click.option("--suffix", type=OneOf((".png", ".svg", ".pdf")), default=".png", help="[default: .png]")
 @click.option("--dark", is_flag=True, help="Light words on a dark page")
 @click.option("--scale", type=int, default=1, help="Pixels for each, across, 1 to 4: 2 for a projector  [default: 1]")
 @with_json

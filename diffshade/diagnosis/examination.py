@@ -13,11 +13,11 @@ from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
 from ..core.tables import as_text, cells, parameters
-from ..core.thresholds import INTERVALS, MINOR
+from ..core.thresholds import INTERVALS, MINOR, VAGUE
 from ..core.words import count, listing
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
-from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy, some_channels
+from ..inverse.statistics.identifiability import VAGUE_LOG, relative_errors, remedy, some_channels
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
 from ..inverse.verdicts.stability import FitWithout, dependence, left_out, moves, refits

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..core.thresholds import UNCLIPPED_PERCENT
 from ..io.files import replacing
 from ..io.image_formats import encode
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
+from ..texels.maps import TexelMaps
 from .gltf import fitted
 from .map_textures import GREY, MapSurface, Textures, difference, highlights_of, stored
 from .metallic_roughness import F0, ggx, kept

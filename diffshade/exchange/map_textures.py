@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from ..core.thresholds import UNCLIPPED_PERCENT
 from ..io.encodings import srgb_decode, srgb_encode
 from ..io.triangles import Triangles, first_hits
 from ..model.gbuffers import GBuffer
@@ -22,7 +23,7 @@ from ..model.materials import Highlight, Material
 from ..model.surfaces import AbstractSurface
 from ..texels.heights.differences import rays_of
 from ..texels.heights.mesh import HeightMesh, camera_axes
-from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
+from ..texels.maps import TexelMaps
 from ..texels.status import OUTSIDE
 
 LIGHTS = ((0.0, 0.0, 1.0), (-0.6, 0.4, 0.69282), (0.8, 0.0, 0.6))  # toward the light, in the camera's axes

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import check_kind
-from ..core.thresholds import SMALL
+from ..core.thresholds import SMALL, UNCLIPPED_PERCENT
 from ..io.files import replacing, writable
 from ..io.image_formats import encode
 from ..model.gbuffers import GBuffer
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
+from ..texels.maps import TexelMaps
 from . import gltf_mesh, threejs_mesh
 from .exports import plain
 from .lobe_refits import with_lobe

@@ -17,10 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..core.thresholds import UNCLIPPED_PERCENT
 from ..io.files import replacing
 from ..io.image_formats import encode
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
+from ..texels.maps import TexelMaps
 from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, lowest
 from .map_textures import GREY, MapSurface, Textures, difference, highlights_of, stored

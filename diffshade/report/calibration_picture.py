@@ -9,6 +9,7 @@ import numpy as np
 
 from ..calibration.balls import axes as axes_of
 from ..core.extras import needing
+from ..io.encodings import brightened
 from ..model.cameras import OrthographicCamera
 from .figures import DPI
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from ..calibration.result import Calibration
 
 INCH = 4.5
-WHITE = 0.98  # quantile of the brightness that is drawn white
 LABELLED = 40  # lights at most that have their numbers
 MARGIN = 1.25  # radii from a ball's middle that are drawn
 
@@ -60,8 +60,7 @@ def _outline(axes: Any, found: Calibration, which: str) -> None:
     (left, top), (right, bottom) = (centres - MARGIN * radii).min(0), (centres + MARGIN * radii).max(0)
     left, top, right, bottom = max(left, 0.0), max(top, 0.0), min(right, mean.shape[1]), min(bottom, mean.shape[0])
     crop = mean[int(top) : int(np.ceil(bottom)), int(left) : int(np.ceil(right))]
-    shown = np.sqrt(np.clip(mean / max(float(np.quantile(crop, WHITE)), 1e-12), 0.0, 1.0))
-    axes.imshow(shown, cmap="gray", extent=(0, mean.shape[1], mean.shape[0], 0))
+    axes.imshow(brightened(mean, crop), cmap="gray", extent=(0, mean.shape[1], mean.shape[0], 0))
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     for ball in found.balls:
         column, row = ball.middle

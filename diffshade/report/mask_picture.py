@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..core.extras import needing
-from .calibration_picture import INCH, WHITE
+from ..io.encodings import brightened
+from .calibration_picture import INCH
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +25,7 @@ def draw_mask(found: FoundMask) -> Figure:
     """
     with needing("figures", "cannot draw a mask"):
         from matplotlib.figure import Figure
-    shown = np.sqrt(np.clip(found.picture / max(float(np.quantile(found.picture, WHITE)), 1e-12), 0.0, 1.0))
+    shown = brightened(found.picture)
     rows, columns = shown.shape
     panels = {"mask": found.small, **found.ways}
     figure = Figure(figsize=(INCH * len(panels), INCH * rows / columns + 0.3), dpi=72, layout="constrained")

@@ -17,7 +17,7 @@ from ..core.backend import in_float64
 from ..core.fields import quantities
 from ..core.robust_scale import GAUSS_95
 from ..core.tables import as_text, cells
-from ..core.thresholds import INTERVALS
+from ..core.thresholds import INTERVALS, UNCLIPPED_PERCENT
 from ..inverse.data.sensors import Sensor
 from ..inverse.data.views import View
 from ..inverse.result import Prediction
@@ -39,7 +39,6 @@ from .unexplained import Unexplained
 FORMAT = 2  # of the folder, finished or not; `read_maps` refuses others
 ABOUT, SCENE, STATUS_PICTURE, WEIGHTS = "maps.toml", "scene.toml", "status.png", "highlight_weights.npy"
 LIGHTS = "unexplained_lights.npy"
-UNCLIPPED_PERCENT = 99.5  # of the known values, which a picture holds without clipping
 UNITS = {
     "k_a": "of the ambient light",
     "k_d": "of the light that arrives",

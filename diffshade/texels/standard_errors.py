@@ -10,8 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ..core.fields import Array
-from ..core.thresholds import DEGREE, SLIGHT, TINY
-from ..inverse.statistics.identifiability import VAGUE
+from ..core.thresholds import DEGREE, SLIGHT, TINY, VAGUE
 from .blocks import FitOptions, TexelBlock
 from .linear_systems import inverse_diagonal
 from .minima import TexelMinima

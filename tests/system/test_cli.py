@@ -579,10 +579,10 @@ def test_figures(typed, monkeypatch):
     drawn = {}
     write = lambda folder, **given: drawn.update(given, folder=folder) or [folder]  # noqa: E731
     monkeypatch.setattr(ds.lecture, "write_figures", write)
-    words = ("figures", "lecture", "--only", "snell,lobes", "--suffix", "svg", "--dark", "--scale", "2")
+    words = ("figures", "lecture", "--only", "snell,lobes", "--suffix", ".svg", "--dark", "--scale", "2")
     assert typed(*words).out == "lecture\n"
     assert (drawn["folder"], drawn["only"]) == (Path("lecture"), ("snell", "lobes"))
-    assert (drawn["suffix"], drawn["dark"], drawn["scale"]) == ("svg", True, 2)
+    assert (drawn["suffix"], drawn["dark"], drawn["scale"]) == (".svg", True, 2)
 
 
 BAD = {

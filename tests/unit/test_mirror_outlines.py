@@ -6,8 +6,9 @@ from measured import measured
 from mirror_balls import KINDS, mirror_ball
 
 import diffshade as ds
-from diffshade.calibration.edges import brightened, find_edges, shrunk
+from diffshade.calibration.edges import find_edges, shrunk
 from diffshade.calibration.result import degrees
+from diffshade.io.encodings import brightened
 
 DARK = np.array([356.5, 243.9, 54.3])  # column, row and radius in `dark_ball`, drawn by hand on the brightened mean
 

@@ -12,9 +12,8 @@ from scipy.optimize import nnls
 from ...core.arrays import float64_of
 from ...core.fields import Numbers
 from ...core.tables import as_text, parameters
-from ...core.thresholds import MINOR
+from ...core.thresholds import MINOR, VAGUE
 from ...core.words import listing
-from ...inverse.statistics.identifiability import VAGUE
 from ...model.attenuation import RadialAttenuation
 
 NAMES = RadialAttenuation.numbers()  # by the power of the distance

@@ -81,7 +81,7 @@ def read_photographs(
     if read.light_errors is not None and read.light_errors.any():
         _LOGGER.warning(
             "light_errors.txt, the errors of the directions, is no part of a scene: give them to fits as light_error= "
-            "(numpy.loadtxt reads them)"
+            "(numpy.loadtxt reads them, a line for each photograph; of merged ones the first line counts)"
         )
     return read.scene, read.views
 

@@ -12,13 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.thresholds import NEGLIGIBLE
+from ...core.thresholds import NEGLIGIBLE, VAGUE
 from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, free_places, logarithms
 from .gauges import of_attenuation, quantities, sentence
 from .uncertainty import SINGULAR, Matrix, Vector, regular_inverse, scaled
 
-VAGUE = 0.3  # error relative to the value, above which a number says little
 VAGUE_LOG = 0.5  # standard error of a logarithm
 ONE_TOO_MANY = "The images can do with one highlight fewer. Leave it out, or add a photograph in which both show."
 

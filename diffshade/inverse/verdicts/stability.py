@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
 from ...core.robust_scale import RARE
-from ...core.thresholds import ROUNDING, SLIGHT, SMALL
+from ...core.thresholds import ROUNDING, SLIGHT, SMALL, VAGUE
 from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
@@ -23,7 +23,7 @@ from ..forward.gram import Point
 from ..result import Fit
 from ..solving import solve_again
 from ..statistics.clusters import Clusters
-from ..statistics.identifiability import VAGUE, relative_errors, vague
+from ..statistics.identifiability import relative_errors, vague
 from ..statistics.uncertainty import Vector, inverse
 from ..summary import summarise
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ...core.extras import check_extra
 from ...core.progress import showing
 from ...core.words import did_you_mean, listing
-from ..figures import write_figure
+from ..figures import SUFFIXES, write_figure
 from . import air, diffuse, display, lamps, mirror, rays, specular, transparent, warn, whole
 from .dark import darken
 from .pictures import SCALE
@@ -56,14 +56,11 @@ _DRAWN = (
 FIGURES = {draw.__name__: draw for draw in _DRAWN}
 
 
-SUFFIXES = ("png", "svg", "pdf")
-
-
 def write_figures(
     folder: str | Path,
     *,
     only: Iterable[str] | str | None = None,
-    suffix: str = "png",
+    suffix: str = ".png",
     dark: bool = False,
     scale: int = 1,
     progress: bool = False,
@@ -73,7 +70,7 @@ def write_figures(
     Args:
         folder: The folder to write to; it is created if needed.
         only: Names of figures, without number and suffix; all of them by default.
-        suffix: "png", "svg" or "pdf"; "png" by default. Words and curves of the latter two stay sharp at any size.
+        suffix: ".png", ".svg" or ".pdf"; ".png" by default. Words and curves of the latter two stay sharp at any size.
         dark: Light words on a dark page; by default dark ones on white. The pictures are the same.
         scale: Pixels in place of each, across, 1 to 4; 1 by default, 120 an inch. 2 is for a projector.
         progress: Show a progress line on the terminal.
@@ -106,7 +103,7 @@ def write_figures(
         for i, name in enumerate(names):
             if name in wanted:
                 report_progress(name, len(paths) / len(wanted))
-                paths.append(folder / f"{i + 1:02}_{name}.{suffix}")
+                paths.append(folder / f"{i + 1:02}_{name}{suffix}")
                 write_figure(paths[-1], draw_figure(name, dark=dark, scale=scale))
     return tuple(paths)
 
