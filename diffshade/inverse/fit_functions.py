@@ -391,8 +391,8 @@ def _numbered(problem: FitProblem, shapes: Sequence[tuple[int, ...]]) -> FitProb
     """Return the problem with samples that are their own places in the images, one after another, from 1."""
     ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
     places = [1.0 + np.arange(*of).reshape(shape) for of, shape in zip(itertools.pairwise(ends), shapes, strict=True)]
-    samples = [
+    samples = tuple(
         dataclasses.replace(of_view, photograph=place[..., : of_view.photograph.shape[2]])
         for of_view, place in zip(problem.data.samples, places, strict=True)
-    ]
+    )
     return dataclasses.replace(problem, data=dataclasses.replace(problem.data, samples=samples))
