@@ -103,7 +103,7 @@ def measure(name: str, size: str, repeats: int) -> dict:
     elif name == "diffshade, solve":
         solver = _solve(made)
     elif name == FIT:
-        solver = lambda: _theta(_fit(made))  # noqa: E731
+        solver = lambda: _theta(of_problem(made))  # noqa: E731
     else:
         solver = lambda: _render(made)  # noqa: E731
     forget_peak()
@@ -123,7 +123,8 @@ def measure(name: str, size: str, repeats: int) -> dict:
     return {"cold": cold, "warm": float(np.median(times)), "memory": peak, "cost": cost}
 
 
-def _fit(made):
+def of_problem(made):
+    """Return the fit of the problem that every solver has, by `ds.fit`."""
     from problem import FREE, TIED
 
     import diffshade as ds

@@ -61,6 +61,7 @@ def value(fit: ds.Fit, name: str) -> float:
 # --- equal channels and proportions
 
 
+@pytest.mark.thorough
 def test_a_grey_colour_is_one_unknown_the_mean_of_its_channels():
     three, one = plain(), of_grey_and_proportional()
     assert [name for name in one.names if name.startswith("k_a")] == ["k_a"]

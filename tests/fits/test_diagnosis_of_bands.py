@@ -94,6 +94,7 @@ def test_a_fault_of_the_lens_is_named_with_the_bands_that_it_moves():
     assert not examined.determined[j] or examined.errors[j] > 2.0 * examined.fit.plain_errors[j]
 
 
+@pytest.mark.thorough
 def test_a_plan_aims_at_a_band(of_four):
     plan = ds.plan(of_four, SHOTS, aim="k_d.850nm")
     assert "ranked by the error of k_d.850nm:" in str(plan)

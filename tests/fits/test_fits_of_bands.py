@@ -81,6 +81,7 @@ def test_derivatives_by_bands_are_those_by_each_unknown(steepest):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())
 
 
+@pytest.mark.thorough
 def test_in_four_bands_the_fourth_is_no_alpha():
     true = scene(4)
     fit = ds.fit(true, view(true), free=("k_d", "k_s"))

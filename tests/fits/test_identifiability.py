@@ -228,6 +228,7 @@ def test_how_a_view_says_which_lights_are_on_does_not_hide_that_it_is_one_again(
 # --- fits and forecasts
 
 
+@pytest.mark.thorough
 def test_two_gauges_are_two_sentences_and_touch_nothing_else():
     """By the light that all views share; the exponent is known as well as ever."""
     fit = ds.fit(

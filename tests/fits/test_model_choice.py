@@ -100,6 +100,7 @@ def test_the_table_has_all_models_and_a_footnote():
     np.testing.assert_allclose(found.image_differences, apart, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unexplained")
 def test_the_errors_are_those_of_fits_without_each_view():
     views, squares, samples = list(noisy_fit().views), [], []

@@ -101,6 +101,7 @@ def test_what_photographs_cannot_tell_of_an_own_law_is_said():
     assert none.values[-1] < 1e-3
 
 
+@pytest.mark.thorough
 def test_they_are_fitted(fit):
     assert fit.names[-2:] == ("m", "rho")
     truth = np.array([*[0.1] * 3, *[0.5] * 3, *[0.2] * 3, 0.2, 0.3])
@@ -198,6 +199,7 @@ def test_they_render_and_differentiate(path, lobe):
             np.testing.assert_allclose(np.sum(np.asarray(slope)), forward, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_line_of_one_sample_is_its_middle_and_of_two_shares_its_intensity():
     one = own_scene(light=own_parts.TubeLight((-1, 2, 3), (2, 2, 3), 2.0, samples=1))
     same = own_scene(light=ds.PointLight((0.5, 2, 3), 2.0))

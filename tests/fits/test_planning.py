@@ -109,6 +109,7 @@ def test_a_shot_as_the_first_view_was_counts_as_that_did():
     np.testing.assert_allclose(plan.errors[0], expected, rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_clipped_pixels_do_not_count():
     fit = noisy_fit()
     data = fit.solved.problem.data

@@ -16,6 +16,7 @@ from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.verdicts.contradictions import check_priors
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("mean", "contradicts"), [(60.0, True), (50.0, False)])
 def test_a_prior_of_n_s(mean, contradicts):
     fit = standard_fit(noisy_images(), priors={"n_s": (mean, 0.005)})

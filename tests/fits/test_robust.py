@@ -112,6 +112,7 @@ def test_a_robust_loss_finds_the_material_through_shadows_and_costs_little_where
 # --- noise
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unexplained")
 def test_noise_that_grows_with_the_signal_is_weighed_as_it_is_told():
     read, shot = 0.002, 0.001

@@ -67,6 +67,7 @@ def test_a_part_has_its_share_of_every_highlight_and_every_row(count):
     assert share_of(samples, 256**2) is samples
 
 
+@pytest.mark.thorough
 def test_every_view_has_its_share_whatever_memory_there_is(views):
     part = ds.fit(synthetic.standard_scene(), views, free=FREE, memory=1.0)
     pixels = [len(s.pixels) for s in part.solved.problem.data.samples]

@@ -69,6 +69,7 @@ def test_a_fit_may_begin_at_the_scenes_values():
     assert far.costs[0] > 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("sensor", "steps", "near"),
     [

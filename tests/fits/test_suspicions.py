@@ -373,6 +373,7 @@ def test_each_fault_has_cases_or_regions():
         assert fault.plausible[0] < fault.plausible[1]
 
 
+@pytest.mark.thorough
 def test_a_new_fault_is_one_entry_and_is_found_without_an_examination():
     ramp = np.broadcast_to(np.linspace(0.0, 1.0, 24)[None, :, None], (24, 24, 3))
     stray = Fault(

@@ -68,6 +68,7 @@ def test_linear_in_intensity_and_ambient(material, lights, factor):
     assert_close(render(scene_of(material, brighter, ambient=factor * np.array([0.9, 1, 0.8]))), factor * image)
 
 
+@pytest.mark.thorough
 @quick
 @given(materials, lights)
 def test_additive_over_lights_in_any_order(material, lights):

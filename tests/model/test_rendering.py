@@ -248,6 +248,7 @@ def pictured(shape):
     return ds.Scene(ds.Object(seen, ds.Material(0.1, shade, 0.3, n_s=9.0)), lights(2))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind",
     ["pictured", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("ball", "brief", "glass", "bands"))],

@@ -26,13 +26,7 @@ NOT_TRUE = {
         4,
     ): "of the few numbers that are left, one in twenty is off: its edges are no smooth light",
 }
-NOT_NAMED = {
-    ("unlisted lamp", 1): "it looks like the lamp a little to the side",
-    ("unlisted lamp", 4): "it looks like all lamps a little to the side",
-    ("bounced light", 1): "it looks like the lamp a little lower",
-    ("swapped", 4): "two lights are so far off that nothing is determined",
-    ("photon noise", 12): "smooth changes imitate it",
-}
+NOT_NAMED = {("photon noise", 12): "smooth changes imitate it"}
 
 
 @dataclass

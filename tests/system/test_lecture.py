@@ -166,6 +166,7 @@ def test_a_dark_figure_has_light_words_and_the_same_pictures():
             assert max(to_rgb(text.get_color())) > 0.5, (name, text.get_text())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".svg", pytest.param(".pdf", marks=pytest.mark.thorough)])
 def test_svg_and_pdf_hold_the_picture_and_the_curves(suffix, tmp_path):
     (path,) = ds.lecture.write_figures(tmp_path, only="coloured_glass", suffix=suffix, dark=True)

@@ -176,6 +176,7 @@ def test_what_is_left_of_a_colour():
     np.testing.assert_allclose(found, [[s + 0.2 * (1 - s), 0.5 * s + 0.4 * (1 - s), 0.6 * (1 - s)]], rtol=1e-14)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("radial", [False, True])
 @pytest.mark.parametrize("eta", [None, pytest.param(1.5, marks=pytest.mark.thorough)])
 def test_parallel_rays_are_fogged_by_their_own_length(radial, eta):

@@ -50,6 +50,7 @@ def of_glass_and_textures(band: slice | np.ndarray, bands: int) -> ds.Scene:
     return ds.Scene(objects, ds.AreaLight((0, 2, 2), (1, 0, 0), (0, 0, 1), d, samples=2), bands=bands)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scene", [of_every_colour, pytest.param(of_glass_and_textures, marks=pytest.mark.thorough)])
 def test_each_band_is_what_red_green_and_blue_show_of_it(scene):
     whole = np.asarray(ds.render(scene(slice(None), 31), CAMERA))

@@ -42,6 +42,7 @@ def test_derivatives_are_the_same(derivative):
     np.testing.assert_allclose(found, expected, rtol=1e3 * np.finfo(found.dtype).eps)
 
 
+@pytest.mark.thorough
 def test_they_are_the_same_in_a_batch_and_a_scan():
     a = jnp.array([[0.3, 1.2, 0.7], [0.2, 0.1, 1.7]])
 
@@ -75,6 +76,7 @@ def test_a_derivative_does_not_repeat_what_its_results_share():
     assert with_barriers < 0.5 * without
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="the CPU's compiler")
 @pytest.mark.parametrize("wall", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_the_gradient_through_glass_grows_little_where_it_is_compiled(wall):

@@ -240,6 +240,7 @@ def test_a_lamp_is_drawn_and_told_at_the_terminal(tmp_path, capfd, monkeypatch):
         assert message in capfd.readouterr().err
 
 
+@pytest.mark.thorough
 def test_the_plane_is_seen_from_behind_the_lamp(tmp_path):
     """The bright side, C = 0, is on the right."""
     C = np.arange(0, 361, 22.5)
@@ -249,6 +250,7 @@ def test_the_plane_is_seen_from_behind_the_lamp(tmp_path):
     assert light[0, 2] > light[4, 2]  # C = 90 up
 
 
+@pytest.mark.thorough
 def test_a_ceiling_is_a_plane_behind_the_lamp(tmp_path):
     """An uplight lights it as the same lamp, turned over, lights a floor; the sides of C0 and C90 stay."""
     C, gamma = np.arange(0, 361, 22.5), np.arange(0.0, 91, 5)

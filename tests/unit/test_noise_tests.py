@@ -86,6 +86,7 @@ def test_what_leaves_nothing_is_noise():
     assert p_value([left(np.zeros((SIDE, SIDE)))]) == 1.0
 
 
+@pytest.mark.thorough
 def test_what_is_left_of_a_fit_is_its_whitened_residuals_and_clipped_samples_that_are_met_count_0():
     """Blocks are padded: the pixels are those of the object alone."""
     scene = standard_scene(MATERIAL, point_lights()[:2])

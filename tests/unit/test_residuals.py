@@ -369,6 +369,7 @@ def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
     return fit_problem(scene, data, unknowns, "squares", **options), data.samples
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("free", "options", "noise", "shared"),
     [

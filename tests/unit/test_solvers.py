@@ -46,6 +46,7 @@ def test_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth():
     assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(0)
 
 
+@pytest.mark.thorough
 def test_the_unit_of_the_residuals_changes_neither_steps_nor_values():
     """optimistix's own damping is absolute: it takes 8 steps at scale 1 and 34 at 1e-4."""
     assert_units_of_residuals_change_neither_steps_nor_values(1e-4)

@@ -104,6 +104,7 @@ def test_a_sphere_turns_a_ray_by_twice_i_minus_r(eta):
     np.testing.assert_allclose(turn, 2 * (i - np.arcsin(np.sin(i) / eta)), rtol=1e-13)
 
 
+@pytest.mark.thorough
 def test_there_is_no_way_through_where_light_is_totally_reflected():
     """Into a bubble at sin i > eta; and out of the side of a glass box, for which eta^2 > 2 is enough."""
     down = np.array([[0.0, 0.0, -1.0]] * 2)

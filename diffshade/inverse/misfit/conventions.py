@@ -43,7 +43,8 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
     """
     gross = fit.evidence.spread[1] > SLIGHT * fit.squares
     worst = sorted(squares, key=lambda i: -squares[i])[:MIN_VIEWS]
-    worst = [i for i in worst if squares[i] > MUCH_WORSE * np.median([*squares.values()])]
+    if not gross:
+        worst = [i for i in worst if squares[i] > MUCH_WORSE * np.median([*squares.values()])]
     if not gross and len(worst) < 2:
         return None
     free = {(place.owner, place.field) for place in free_places(fit.unknowns)}

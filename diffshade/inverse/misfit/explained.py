@@ -179,7 +179,9 @@ def _named(
     """Return the candidates to be named, with their amounts and what each explains of the squares.
 
     What shows beside the objects too comes first. Of the rest, a fault that has a name and alone explains most of what
-    all explain is next, with the others that do so nearly as well; then what is in the residuals beside it.
+    all explain is next, with the others that do so nearly as well; then what is in the residuals beside it. If what all
+    explain needs none of these, the largest of what it needs follows the first: light from elsewhere looks like a lamp
+    a little to the side.
     """
     active = [(k, of.mean[candidates[k].of], float(of.gain[k] * of.sigma2)) for k in np.flatnonzero(of.active).tolist()]
     first = [one for one in active if candidates[one[0]].fault.beside and candidates[one[0]].is_plausible(one[1])]
@@ -204,8 +206,10 @@ def _named(
         for k, amount, gain in rest
         if k not in [k for k, *_ in alone] and gain > SMALL * whole and candidates[k].is_plausible(amount)
     ]
-    found = [*first, *alone, *sorted(also, key=lambda one: -one[2])]
-    return found or [max(rest, key=lambda one: one[2])]
+    largest = max(rest, key=lambda one: one[2])
+    if alone and not any(of.active[k] for k, *_ in alone):
+        alone, also = [alone[0], largest, *alone[1:]], [one for one in also if one is not largest]
+    return [*first, *alone, *sorted(also, key=lambda one: -one[2])] or [largest]
 
 
 def _found(look: _Look) -> tuple[Found, ...]:

@@ -69,7 +69,7 @@ def _notes(
     if better is not None:
         why, kinds, is_known = f"{better.sentence} The errors allow for this.", (better.kind,), True
     elif is_known:
-        why = f"{_sentences(named)} The errors allow for this."
+        why = f"{_sentences(seen.found[:MAX_NAMED])} The errors allow for this."
     elif not seen.found:
         why = (
             "no fault of the description explains them. The noise differs with brightness, or neighbours share it, as "
