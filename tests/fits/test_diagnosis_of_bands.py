@@ -62,7 +62,7 @@ def test_one_band_is_examined_as_grey_photographs_are(of_one_channel):
         np.testing.assert_allclose(*(getattr(of, name) for of in examined), rtol=1e-5, err_msg=name)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_one_band_is_planned_and_chosen_as_grey_photographs_are(of_one_channel):
     grey, one = of_one_channel
     planned = [ds.plan(fit, SHOTS) for fit in (grey, one)]

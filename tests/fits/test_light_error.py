@@ -341,7 +341,7 @@ def test_intensities_with_relative_errors_keep_the_mean_of_the_stated_ones():
     assert (relative < 1.5 * 0.05 / 4.0).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_view_of_fewer_lights_is_padded():
     scene, views, _ = photographed(3)
     more = [*views, ds.View(views[0].image, CAMERA, lit=(0, 1, 2))]

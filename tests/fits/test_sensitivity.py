@@ -48,7 +48,7 @@ def agrees(derivative: np.ndarray, values: Any) -> None:
     np.testing.assert_allclose(derivative / unit, difference / unit, rtol=0, atol=1e-3 * size)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_colour_that_was_known_moves_the_values_as_fits_do():
     """And takes the one along that follows it."""
     fit = fitted()

@@ -162,7 +162,7 @@ def test_the_response_rises_and_has_an_inverse_and_a_finite_slope(sensor):
     assert float(sensor.respond(jnp.asarray(1.0))) == pytest.approx(1.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_texels_tell_an_undeclared_gamma():
     strengths = np.linspace(0.6, 1.4, 12)
     ball = textured_ball(20, 12, noise=0.0, intensity=strengths[:, None] * np.ones(3), gloss=0.5, lobe="blinn")

@@ -251,7 +251,7 @@ def pictured(shape):
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind",
-    ["pictured", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("ball", "brief", "glass", "bands"))],
+    ["pictured", "bands", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("ball", "brief", "glass"))],
 )
 def test_an_image_by_rows_is_the_same_to_the_bit(clear, monkeypatch, kind):
     camera = ds.Camera((0, 0, 4), shape=(9, 11))

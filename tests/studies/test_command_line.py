@@ -57,6 +57,7 @@ def test_a_folder_of_photographs_to_a_page_and_materials(typed, folder):
     assert Path("ball.js").is_file()
 
 
+@pytest.mark.slow
 def test_texels(typed, folder):
     (folder / "normal_gt.npy").unlink()
     told = json.loads(typed("texels", folder, "-o", "maps", "--suffix", ".png", "--json"))
@@ -78,6 +79,7 @@ def test_photographs_left_out_of_texels_are_predicted(typed, folder):
     assert "at most (" in typed("texels", folder, "-o", "more", "--hold-out", "4")
 
 
+@pytest.mark.slow
 def test_bands_of_photographs_left_out(typed, tmp_path):
     folder = ball_under_distant_lights(tmp_path / "twelve", 24, 12)
     for words in (("fit", folder), ("texels", folder, "-o", "maps", "--free", "k_d,k_s,n_s", "--bands")):

@@ -404,7 +404,7 @@ def test_a_page_and_its_json_agree(typed):
     assert told["page"] == "ball.html"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_a_fit_says_of_a_photograph_that_is_too_bright_is_said_everywhere(typed):
     ds.write_image(PHOTOS[0], 1.2 * ds.read_image(PHOTOS[0]))
     words = ("ball.toml", *PHOTOS, "--free", "k_a,k_d,k_s,n_s")

@@ -18,8 +18,15 @@ NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 # the notebooks in which dragging teaches
 SLIDERS = ("01_light_and_matter", "05_attenuation", "06_transparency", "07_texel_maps")
 
-# what these do is in test_all_figures.py, in test_robust_texels.py and test_live_maps.py, and in test_height_meshes.py
-ELSEWHERE = ("04_the_figures_of_a_lecture", "06_transparency", "07_texel_maps", "09_maps_that_travel")
+# what these do is in test_all_figures.py, test_robust_texels.py, test_live_maps.py, test_photographs_fitted.py,
+# test_exchange.py and test_height_meshes.py
+ELSEWHERE = (
+    "04_the_figures_of_a_lecture",
+    "06_transparency",
+    "07_texel_maps",
+    "08_from_photographs_to_threejs",
+    "09_maps_that_travel",
+)
 
 
 def beneath_sliders(notebook: nbformat.NotebookNode) -> list[list[dict[str, Any]]]:

@@ -86,7 +86,7 @@ def test_its_own_ambient_light_stays_within_them():
     np.testing.assert_allclose(image[..., 0], [[0, 0.5]] * 2, rtol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_limits_are_found_with_the_material():
     """From a start at which neither edge is where it was."""
     flaps = ds.Flaps(x_min=-0.4, x_max=0.5, y_max=0.6, softness=0.15)

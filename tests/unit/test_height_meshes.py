@@ -375,7 +375,9 @@ def objects(size):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", objects(8))
+@pytest.mark.parametrize(
+    "name", ["vase", "step", *(pytest.param(of, marks=pytest.mark.slow) for of in ("coin", "waves"))]
+)
 def test_a_turned_surface_is_whole(name):
     """Two degrees of noise, and patches of wrong normals, beside which jumps are cut: 97.9 % without walls."""
     made, random = objects(160)[name], np.random.default_rng(1)

@@ -151,7 +151,7 @@ def test_a_view_takes_an_array_that_is_read_by_rows_alone():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("how", ["alpha", pytest.param("clipped", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("how", ["alpha", pytest.param("clipped", marks=pytest.mark.slow)])
 def test_a_fit_of_lazy_views_is_that_of_arrays_and_one_given_twice_counts_once(how):
     scene = synthetic.standard_scene()
     images = synthetic.noisy(synthetic.photographs(scene), 0.005, 0)

@@ -252,8 +252,8 @@ def test_texels_count_by_the_same_rule(lazy):
 
 PROBLEMS = [
     lights_of_several_kinds_and_views_of_every_sort,
-    pytest.param(several_objects_and_cameras, marks=pytest.mark.thorough),
-    pytest.param(grey_views_of_normals_without_positions, marks=pytest.mark.thorough),
+    pytest.param(several_objects_and_cameras, marks=pytest.mark.slow),
+    pytest.param(grey_views_of_normals_without_positions, marks=pytest.mark.slow),
 ]
 
 
