@@ -144,7 +144,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
     descent: optx.AbstractDescent
     search: optx.AbstractSearch
     rtol: float = 1e-16
-    atol: float | Array = 0.0
+    atol: Any = 0.0  # a float to optimistix; of a fit function it is traced
     rounding: float | Array = 0.0
     norm: Callable[[Any], Any] = eqx.field(static=True, default=optx.max_norm)
 
