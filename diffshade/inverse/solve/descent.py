@@ -92,7 +92,7 @@ class GainRatio(optx.AbstractSearch):
     is then known better than the cost.
     """
 
-    rounding: float = 0.0
+    rounding: float | Array = 0.0
     damping: float = 1e-3
 
     def init(self, y: Array, f_info_struct: Any) -> tuple[Scalar, Scalar]:
@@ -144,8 +144,8 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
     descent: optx.AbstractDescent
     search: optx.AbstractSearch
     rtol: float = 1e-16
-    atol: float = 0.0
-    rounding: float = 0.0
+    atol: Any = 0.0  # a float to optimistix; of a fit function it is traced
+    rounding: float | Array = 0.0
     norm: Callable[[Any], Any] = eqx.field(static=True, default=optx.max_norm)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> State:
