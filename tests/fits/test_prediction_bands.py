@@ -67,7 +67,7 @@ def test_bands_hold_photographs_that_were_left_out(fitting):
     assert 0.8 * noise < width < 3 * noise
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_bands_are_in_linear_light_through_the_sensor_that_the_fit_found():
     scene, views = problem()
     vignetting = ds.Vignetting(second=-0.3)
@@ -141,7 +141,7 @@ def test_what_can_have_no_bands_is_refused():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("fitting", [fit, fit_texels])
+@pytest.mark.parametrize("fitting", [fit, pytest.param(fit_texels, marks=pytest.mark.slow)])
 def test_a_report_shows_how_often_photographs_that_were_left_out_lie_inside(fitting, tmp_path):
     views = problem()[1]
     bands = ds.fit_bands(fitting, views[:16], groups=4)

@@ -117,7 +117,7 @@ def test_what_shows_nothing_is_not_known(shadowed):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("n_s", [20.0, 300.0])
+@pytest.mark.parametrize("n_s", [20.0, pytest.param(300.0, marks=pytest.mark.slow)])
 def test_the_exponent_of_one_material_lies_within_its_errors(n_s):
     ball, lights, rng = textured_ball(40), lights_about(30), np.random.default_rng(0)
     n = ball.truth["normal"]

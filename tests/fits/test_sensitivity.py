@@ -81,7 +81,7 @@ def test_the_samples_of_a_photograph_move_the_values_as_fits_do():
         agrees((by_image * change).sum((1, 2, 3)), moved)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_light_that_is_on_in_no_view_moves_nothing_and_has_its_columns():
     lights = (*SCENE.lights, ds.DirectionalLight((0.0, 0.0, -1.0)))
     fit = fit_of(dataclasses.replace(SCENE, lights=lights), images())

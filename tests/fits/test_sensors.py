@@ -119,7 +119,7 @@ def test_what_the_sensor_clipped_stays_clipped(dtype, saturation):
     assert (bright >= top).any()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_maps_remember_the_sensor(tmp_path):
     ball = textured_ball(16, 12)
     linear = [dataclasses.replace(view, image=np.maximum(view.image, 0)) for view in ball.views]
