@@ -80,6 +80,11 @@ class _Look:
         fit = self.directions.at.set_up.fit
         return self.directions.moves() / coordinate_slopes(fit.values, fit.unknowns)
 
+    def is_instead(self, found: Found) -> bool:
+        """Whether a fault is none of those that explain the residuals best together, but alone explains them nearly."""
+        (k,) = [k for k, one in enumerate(self.candidates) if (one.fault, one.case.which) == (found.fault, found.which)]
+        return not self.of.active[k] and not self.candidates[k].case.known
+
     def found(self, one: _Candidate, amount: Float[np.ndarray, " of"], gain: float) -> Found:
         """Return a candidate as a fault of an amount that explains so much of the squares."""
         fit, moves, case = self.directions.at.set_up.fit, self.moves[one.of], one.case
@@ -109,7 +114,8 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
 
     The errors are those of the unknowns along the posterior of all amounts, and the square of the move by the likeliest
     ones is added: the values themselves stay. Faults are looked at where the fit is, and where this leads; the larger
-    errors count, so that they contain how far a change to first order can be trusted.
+    errors count, so that they contain how far a change to first order can be trusted. They contain too how far a fault
+    moves the values that is none of the likeliest and alone explains nearly as much.
     """
     set_up, fit = at.set_up, at.set_up.fit
     # an unknown at a physical bound, 0, is free beyond it here; one at another bound is a fault of its own
@@ -123,7 +129,8 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
     there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
     errors = [_errors(look, found) for look in (first, _look(there, faults, inside))]
-    return Explained(found, np.maximum(*errors), of_noise, _like_gamma(first))
+    moves = [np.abs(f.moves) for f in found if first.is_instead(f)]
+    return Explained(found, np.max([*errors, *moves], 0), of_noise, _like_gamma(first))
 
 
 def _errors(look: _Look, found: Sequence[Found]) -> Vector:
