@@ -119,13 +119,6 @@ def find_material(word: str) -> ds.Material:
     return ds.exchange.read_material(word) if Path(word).suffix else ds.material(word)
 
 
-def find_materials(word: str) -> Mapping[str, ds.Material]:
-    """Return all materials of a file, or the one that `ds.material` has by this name."""
-    import diffshade as ds
-
-    return ds.exchange.read_materials(word) if Path(word).suffix else {word: ds.material(word)}
-
-
 def starter(file: Path, material: ds.Material, about: str) -> str:
     """Return a commented scene: a ball of this material under one lamp."""
     import diffshade as ds

@@ -8,20 +8,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from ..core.fields import in_short
-from ..io.gltf_files import material_names
+from ..io.gltf_files import base_texture, material_names
 from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import Material
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, Picture
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
-from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, surface_of, what_of
-from .readings import Reading, as_number, as_numbers, as_table, load_json, textures_not_read
+from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, metal_of, surface_of, what_of
+from .readings import Reading, as_number, as_numbers, as_table, load_json
 from .reference import differences, radiance, reference_of
 
 PREFIX = "KHR_materials_"
@@ -37,6 +39,7 @@ READ = {
 }
 ROW = ("name", "pbrMetallicRoughness", "emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided")
 PBR = ("baseColorFactor", "metallicFactor", "roughnessFactor")
+WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}  # as OpenGL numbers them
 MAX_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
 
 
@@ -118,15 +121,13 @@ def read_gltf(text: str, where: str) -> Reading:
     if not isinstance(version, str) or not version.startswith("2"):
         raise ValueError(f"{where} is not glTF 2.0; its asset has the version {short(repr(version))}. Convert it.")
     rows = document.get("materials", [])
-    if not isinstance(rows, list) or not rows:
-        raise ValueError(f"{where} has no materials. Give a glTF file with a list of materials.")
     reading = Reading(where)
-    for name, row in zip(material_names(rows), rows, strict=True):
-        reading.add(name, lambda row=row, name=name: _read(row, name, reading))
+    for name, row in zip(material_names(rows), rows, strict=True) if isinstance(rows, list) else ():
+        reading.add(name, lambda row=row, name=name: _read(row, name, reading, document))
     return reading
 
 
-def _read(row: Any, name: str, reading: Reading) -> Material:
+def _read(row: Any, name: str, reading: Reading, document: dict[str, Any]) -> Material:
     at = reading.at(name)
     row = _table({"material": row}, "material", at)
     more, pbr = _table(row, "extensions", at), _table(row, "pbrMetallicRoughness", at)
@@ -139,15 +140,19 @@ def _read(row: Any, name: str, reading: Reading) -> Material:
     if glossy is not None:
         colour = as_numbers(glossy, "diffuseFactor", (1, 1, 1, 1), 4, at)
     alpha = _alpha(row, float(colour[3]), name, reading)
+    base = _base(row, float(colour[3]), name, reading, document)
+    reading.base[name] = base
     through = as_number(found.get("transmission", {}), "transmissionFactor", 0.0, at, most=1.0)
     if through > 0:
         given["k_t"] = 1.0 - alpha * (1.0 - through * np.minimum(colour[:3], 1.0))
         given["eta"] = as_number(found.get("ior", {}), "ior", 1.5, at)
+        reading.base[name] = base._replace(fields=("k_d", "k_t"))
         reading.note(name, "transmission is read as k_t, its base colour times its factor, without blur.")
     elif alpha < 1:
         given["k_t"] = 1.0 - alpha
     if "unlit" in found:
         given["k_e"] = colour[:3]  # all else is for programs that do not know the extension
+        reading.base[name] = base._replace(fields=("k_e",))
         return Material(**given)
     coat = found.get("clearcoat", {})
     weight = as_number(coat, "clearcoatFactor", 0.0, at, most=1.0)
@@ -166,7 +171,36 @@ def _read(row: Any, name: str, reading: Reading) -> Material:
     edge = as_number(specular, "specularFactor", 1.0, at, most=1.0)
     dielectric = np.minimum(f0 * as_numbers(specular, "specularColorFactor", (1, 1, 1), 3, at), 1.0) * edge
     surface = surface_of(colour[:3], metallic, rough, dielectric, edge, coat=weight, coat_roughness=width)
+    reading.base[name] = reading.base[name]._replace(metal=metal_of(surface, colour[:3], metallic))
     return classic(surface, name, what_of(metallic, rough), reading, **given)
+
+
+def _base(row: dict[str, Any], alpha: float, name: str, reading: Reading, document: dict[str, Any]) -> BaseColour:
+    """Return how the file colours the points of a material."""
+    cutoff = as_number(row, "alphaCutoff", 0.5, reading.at(name)) if row.get("alphaMode") == "MASK" else None
+    base = BaseColour(alpha=alpha, cutoff=cutoff, blends=row.get("alphaMode") == "BLEND")
+    if not (texture := as_table(base_texture(row))):
+        return base
+    try:
+        return base._replace(picture=_picture(texture, document, Path(reading.where)))
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError):
+        reading.note(name, "its base colour names no PNG, JPEG or WebP; its colour alone is read.")
+        return base
+
+
+def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) -> Picture:
+    """Return the picture that a texture shows (glTF 2.0, 5.27 and 5.29), placed as KHR_texture_transform says."""
+    of = document["textures"][texture["index"]]
+    index = of.get("extensions", {}).get("EXT_texture_webp", of)["source"]
+    sampler = document["samplers"][of["sampler"]] if "sampler" in of else {}
+    placed = texture.get("extensions", {}).get("KHR_texture_transform", {})
+    (x, y), (wide, high), turn = placed.get("offset", (0, 0)), placed.get("scale", (1, 1)), placed.get("rotation", 0)
+    c, s = np.cos(turn), np.sin(turn)
+    wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
+    place = ((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
+    return Picture(
+        source, document["images"][index].get("uri", ""), index, wrap, sampler.get("magFilter") == 9728, place
+    )
 
 
 def _alpha(row: dict[str, Any], alpha: float, name: str, reading: Reading) -> float:
@@ -221,5 +255,4 @@ def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
             if isinstance(value, dict) and len(tables) < MAX_TABLES:
                 found += [key] if key.endswith("Texture") else []
                 tables.append(value)
-    if found:
-        reading.note(name, textures_not_read(found))
+    reading.note_maps(name, list(dict.fromkeys(found)), ("baseColorTexture", "diffuseTexture"))

@@ -137,7 +137,7 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
         ValueError: If the file is malformed, holds several materials and no name is given, or holds none of this name.
         FileNotFoundError: If the file does not exist.
     """
-    reading = _read(Path(path))
+    reading = read_file(Path(path))
     found = reading.materials
     if name is None:
         if len(found) + len(reading.refused) > 1:
@@ -145,13 +145,13 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
                 f"{path} holds {len(found) + len(reading.refused)} materials. Name one, for example "
                 f"name={short(next(iter({**found, **reading.refused})))}."
             )
-        _warn(reading)
+        warn(reading)
         return next(iter(found.values()))
     if name in reading.refused:
         raise ValueError(reading.refused[name])
     if name not in found:
         raise ValueError(f"{path} has no material {in_short(name)}. {did_you_mean(str(name), found)}")
-    _warn(reading, name)
+    warn(reading, name)
     return found[name]
 
 
@@ -176,13 +176,13 @@ def read_materials(path: str | Path) -> dict[str, Material]:
         ValueError: If the suffix is unknown, the file is malformed, or none of its materials can be read.
         FileNotFoundError: If the file does not exist.
     """
-    reading = _read(Path(path))
-    _warn(reading)
+    reading = read_file(Path(path))
+    warn(reading)
     return reading.materials
 
 
-def _read(path: Path) -> Reading:
-    """Read all materials of a file; refuse a file of which none can be read."""
+def read_file(path: Path, *, strict: bool = True) -> Reading:
+    """Read all materials of a file; where `strict`, refuse a file of which none can be read."""
     suffix = path.suffix.lower()
     if suffix == ".toml":
         reading = Reading(f"{path}")
@@ -193,14 +193,18 @@ def _read(path: Path) -> Reading:
         raise ValueError(f"no material can be read from '{path.suffix}'. Use one of {', '.join([*READERS, '.toml'])}.")
     text = read_glb(path)[0] if suffix == ".glb" else read_text(path, "material file")
     reading = READERS[suffix](text, f"{path}")
-    if not reading.materials:
-        raise ValueError(next(iter(reading.refused.values())))
+    if strict and not reading.materials:
+        nothing = f"{path} has no materials. Give a file with a list of materials."
+        raise ValueError(next(iter(reading.refused.values()), nothing))
     return reading
 
 
-def _warn(reading: Reading, name: str | None = None) -> None:
-    """Log what was lost in reading all materials, or one, and which of them could not be read."""
-    for note in reading.notes_on(name):
+def warn(reading: Reading, name: str | None = None, *, textured: bool = False) -> None:
+    """Log what was lost in reading all materials, or one, and which of them could not be read.
+
+    `textured`: the pictures of base colours are not lost.
+    """
+    for note in reading.notes_on(name, textured=textured):
         _LOGGER.warning("%s", note)
     for sentence in reading.refused.values() if name is None else ():
         _LOGGER.warning("%s This material is left out.", sentence)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..core.thresholds import SINGLE
+from ..core.thresholds import SINGLE, TINY
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from .classic_fits import nearest
@@ -83,6 +83,11 @@ def surface_of(
     edge = edge * (1.0 - metallic) + metallic
     rough = float(np.clip(roughness, *ROUGHNESS))
     return MetallicRoughness(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
+
+
+def metal_of(surface: MetallicRoughness, colour: Colour3, metallic: float) -> Colour3:
+    """Return which share of a surface's highlight is that of its metal, and has the base colour."""
+    return np.where(surface.head_on > 0, metallic * colour / np.maximum(surface.head_on, TINY), metallic)
 
 
 def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, **more: Any) -> Material:

@@ -8,23 +8,26 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..core.words import listing
-from ..io.parsing import number, numbers, short
+from ..io.parsing import NUMBER, number, numbers, short
 from ..model.lobes import Blinn
 from ..model.materials import INDEX, Material
+from .base_colours import CLAMP, REPEAT, BaseColour, Picture
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, together
 from .lobe_refits import with_lobe
-from .metallic_roughness import classic, surface_of, what_of
+from .metallic_roughness import classic, metal_of, surface_of, what_of
 from .names import original, words
-from .readings import Reading, textures_not_read
+from .readings import Reading
 
 MAX_N_S = 1000.0  # as the format has it
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
 MAPS = ("map_", "bump", "disp", "decal", "refl", "norm", "occlusion")
+BASE = ("map_kd", "map_ka")  # those of the base colour, where both are the same
 # What the illumination models do beside the highlight, which is read. 0 to 2 do nothing more.
 ILLUM = {
     3: "mirrors what surrounds it",
@@ -136,6 +139,9 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
         reading.note(name, f"Ns {n_s:g} is below 0; it is read as 0, as programs clamp it.")
     illum = _illum(rows, one, name, reading)
     glass = _glass(rows, one, colour, illum, name, reading)
+    picture, of_ambient = (_picture(rows, name, reading, key) for key in BASE)
+    fields = ("k_d", "k_a") if picture is not None and picture == of_ambient else ("k_d",)
+    reading.base[name] = base = BaseColour(picture, ("k_e",) if illum == 0 else fields)
     given: dict[str, Any] = {field: colour(key, 0.0) for key, field in COLOURS.items()}
     if "Kd" not in rows:
         given["k_d"] = [_without_colour(rows, name, reading)] * 3
@@ -149,6 +155,7 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
             if not 0 <= value <= 1:
                 raise ValueError(f"{where}: {key} must be 0 to 1; got {value:g}. Correct the file.")
         surface = surface_of(np.asarray(given["k_d"]), metallic, roughness, **coat)
+        reading.base[name] = base._replace(metal=metal_of(surface, np.asarray(given["k_d"]), metallic))
         more = {"k_a": given["k_a"], "k_e": given["k_e"], **glass}
         return classic(surface, name, what_of(metallic, roughness), reading, **more)
     if illum == 1:
@@ -156,6 +163,27 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
             reading.note(name, "illum 1 has no highlight; Ks is not read.")
         given["k_s"] = 0.0
     return Material(**given, n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
+
+
+def _picture(rows: Mapping[str, list[str]], name: str, reading: Reading, key: str) -> Picture | None:
+    """Return the picture of a map, placed as its options -s and -o say; others are not read."""
+    words = next((list(row) for given, row in rows.items() if given.lower() == key), [])
+    scale, off, clamps = [1.0, 1.0], [0.0, 0.0], False
+    while words and words[0].startswith("-"):
+        option, most = words.pop(0).lower(), {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
+        values = []
+        while words and len(values) < most.get(option, 1) and (NUMBER.fullmatch(words[0]) or option not in most):
+            values.append(words.pop(0))
+        if option in ("-s", "-o"):
+            found = scale if option == "-s" else off
+            found[: len(values[:2])] = numbers(values[:2], f"{reading.at(name)}: {option} of {key}")
+        clamps |= option == "-clamp" and values == ["on"]
+    if not words:
+        return None
+    place = ((scale[0], 0.0, off[0]), (0.0, scale[1], 1.0 - scale[1] - off[1]))  # v of an OBJ is up
+    return Picture(
+        Path(reading.where), " ".join(words), wrap=(CLAMP, CLAMP) if clamps else (REPEAT, REPEAT), place=place
+    )
 
 
 def _without_colour(rows: Mapping[str, list[str]], name: str, reading: Reading) -> float:
@@ -219,7 +247,8 @@ def _note_the_rest(rows: Mapping[str, list[str]], name: str, reading: Reading) -
     """Note the keys that are not read."""
     maps = [key for key in rows if key.lower().startswith(MAPS)]
     if maps:
-        reading.note(name, textures_not_read(maps))
+        of = {key.lower(): rows[key] for key in maps}
+        reading.note_maps(name, maps, [key for key in maps if key.lower() in BASE and rows[key] == of.get("map_kd")])
     for key, meaning in UNUSED.items():
         if set("".join(rows.get(key, []))) - set("0.+-"):
             reading.note(name, f"{key}, {meaning}, is not modelled.")
