@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import Array
-from ..io.gltf_files import named_bytes, picture_bytes
+from ..io.gltf_files import beside, data_bytes, picture_bytes
 from ..io.images import load_image
 from ..model.materials import Material
 
@@ -26,8 +26,8 @@ class Picture(NamedTuple):
     """The file of the material."""
     uri: str = ""
     """Its name there, in which it may be packed (data:)."""
-    image: int | None = None
-    """Its number among the images of a glTF file."""
+    image: int = 0
+    """Its number among the images of a glTF file that packs it without a name."""
     wrap: tuple[str, str] = (REPEAT, REPEAT)
     """What is beyond its edges, along u and along v."""
     nearest: bool = False
@@ -44,24 +44,32 @@ class Picture(NamedTuple):
     def suffix(self) -> str:
         """The suffix of a file that holds it: what its first bytes are, else as it is named."""
         data = self.read()
-        named = "" if self.is_packed else Path(self.uri.replace("\\", "/")).suffix.lower()
+        named = "" if self.is_packed else Path(self.uri).suffix.lower()
         return next((suffix for start, suffix in STARTS.items() if data.startswith(start)), named)
 
+    def file(self) -> Path:
+        """Return the file that it names: in the same folder or below it; of a longer path, by its last name too.
+
+        Raises:
+            ValueError: There is no such file.
+        """
+        name = self.uri.replace("\\", "/")  # as MTL of Windows has it
+        try:
+            return beside(name, self.source.parent, "picture")
+        except ValueError:
+            if not (path := self.source.parent / name.rpartition("/")[2]).is_file():
+                raise
+            return path
+
     def read(self) -> bytes:
-        """Return its bytes: those in the file, or of a file in the same folder; of a path, of its last name too.
+        """Return its bytes.
 
         Raises:
             ValueError: There is no such picture.
         """
-        if self.image is not None:
-            return picture_bytes(self.source, self.image)
-        path = self.uri if self.is_packed else self.uri.replace("\\", "/")  # as MTL of Windows has it
-        try:
-            return named_bytes(path, self.source.parent, "picture")
-        except ValueError:
-            if self.is_packed or not (self.source.parent / (last := path.rpartition("/")[2])).is_file():
-                raise
-            return named_bytes(last, self.source.parent, "picture")
+        if self.uri.startswith("data:"):
+            return data_bytes(self.uri)
+        return self.file().read_bytes() if self.uri else picture_bytes(self.source, self.image)
 
     def texels(self) -> Float[np.ndarray, "h w 4"]:
         """Return the linear colours and alpha of the picture, whose curve is that of sRGB (glTF 2.0, 3.9.2).

@@ -6,19 +6,23 @@ materials are refitted both ways.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from ..core.fields import in_short
+from ..core.thresholds import SINGLE, TINY
 from ..io.gltf_files import base_texture, material_names
 from ..io.parsing import short
 from ..model.lobes import Phong
-from ..model.materials import Material
+from ..model.materials import INDEX, Material
 from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, Picture
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
@@ -89,29 +93,61 @@ def _written(name: str, material: Material, lights: Any) -> tuple[dict[str, Any]
     if lights:
         notes += notes_on_lights(lights, "glTF")
         notes.append("KHR_lights_punctual, glTF's lights, has only the falloff 1/d^2.")
-    notes += notes_on_glass(material, "glTF", colour=False, eta=False)
+    base, through, ior = _glass(material, surface)
+    notes += notes_on_glass(material, "glTF without transmission", colour=through > 0, eta=ior > 0)
+    if through > 0:
+        notes.append(
+            "k_t is written as KHR_materials_transmission, which is blurred by the roughness"
+            + (
+                ", and eta as KHR_materials_ior, which bends light only in a volume, which is not written."
+                if ior
+                else "."
+            )
+        )
     notes.append("multiply the intensity of each light by pi: glTF divides the diffuse term by pi.")
     k_e, strength = np.asarray(material.k_e), max(1.0, float(np.max(material.k_e)))
-    specular, alpha = surface.edge, opacity(material)
+    alpha = 1.0 if through else opacity(material)
+    head_on = surface.head_on * (1.0 - (material.k_t if through and material.k_t is not None else 0.0))
+    specular, f0 = min(surface.edge, float(head_on.max())), ((ior - 1.0) / (ior + 1.0)) ** 2 if ior else F0
     extensions: dict[str, Any] = {"KHR_materials_specular": {"specularFactor": specular}}
     if specular > 0:
-        extensions["KHR_materials_specular"]["specularColorFactor"] = [
-            float(f) / specular / F0 for f in surface.head_on
-        ]
+        extensions["KHR_materials_specular"]["specularColorFactor"] = [float(f) / specular / f0 for f in head_on]
+    if through:
+        extensions["KHR_materials_transmission"] = {"transmissionFactor": through}
+    if ior:
+        extensions["KHR_materials_ior"] = {"ior": ior}
     if strength > 1:
         extensions["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
     row = {
         "name": name,
         "pbrMetallicRoughness": {
-            "baseColorFactor": [*map(float, surface.base), alpha],
+            "baseColorFactor": [*map(float, base), alpha],
             "metallicFactor": 0.0,
-            "roughnessFactor": surface.roughness,
+            "roughnessFactor": ROUGHNESS[0] if through and not specular else surface.roughness,
         },
         "emissiveFactor": [float(k) for k in k_e / strength],
         "alphaMode": "BLEND" if alpha < 1 else "OPAQUE",
         "extensions": extensions,
     }
     return row, Draft("", rms, largest, tuple(notes))
+
+
+def _glass(material: Material, surface: MetallicRoughness) -> tuple[Float[np.ndarray, "3"], float, float]:
+    """Return the base colour, KHR_materials_transmission's factor and KHR_materials_ior's index; 0 for none of them.
+
+    That factor t of the base colour c passes and 1 - t is diffused: t c = k_t, and (1 - t) c = (1 - k_t) k_d. This has
+    a solution where t is the same in all colours. What neither bends nor has a colour is alpha, which means k_t.
+    """
+    eta = 0.0 if material.eta is None else float(material.eta)
+    ior = eta if eta > 1 else 0.0
+    if material.k_t is None or not np.any(material.k_t) or not (ior or np.ptp(material.k_t) > 0):
+        return surface.base, 0.0, ior
+    k_t = np.asarray(material.k_t)
+    base = k_t + (1.0 - k_t) * surface.base
+    through = (k_t / np.maximum(base, TINY))[base > 0]
+    if np.ptp(through) > SINGLE:
+        return surface.base, 0.0, 0.0
+    return base, min(float(through.mean()), 1.0), ior
 
 
 def read_gltf(text: str, where: str) -> Reading:
@@ -145,11 +181,13 @@ def _read(row: Any, name: str, reading: Reading, document: dict[str, Any]) -> Ma
     through = as_number(found.get("transmission", {}), "transmissionFactor", 0.0, at, most=1.0)
     if through > 0:
         given["k_t"] = 1.0 - alpha * (1.0 - through * np.minimum(colour[:3], 1.0))
-        given["eta"] = as_number(found.get("ior", {}), "ior", 1.5, at)
         reading.base[name] = base._replace(fields=("k_d", "k_t"))
         reading.note(name, "transmission is read as k_t, its base colour times its factor, without blur.")
     elif alpha < 1:
         given["k_t"] = 1.0 - alpha
+    ior = as_number(found.get("ior", {}), "ior", 1.5, at)
+    if (through > 0 or "ior" in found) and INDEX["lower"] <= ior <= INDEX["upper"]:
+        given["eta"] = ior
     if "unlit" in found:
         given["k_e"] = colour[:3]  # all else is for programs that do not know the extension
         reading.base[name] = base._replace(fields=("k_e",))
@@ -166,13 +204,20 @@ def _read(row: Any, name: str, reading: Reading, document: dict[str, Any]) -> Ma
         return classic(surface, name, f"specular-glossiness surface of roughness {rough:.3g}", reading, **given)
     metallic = as_number(pbr, "metallicFactor", 1.0, at, most=1.0)
     rough = as_number(pbr, "roughnessFactor", 1.0, at, most=1.0)
-    specular, ior = found.get("specular", {}), as_number(found.get("ior", {}), "ior", 1.5, at)
+    specular = found.get("specular", {})
     f0 = 1.0 if ior == 0 else ((ior - 1.0) / (ior + 1.0)) ** 2  # KHR_materials_ior: 0 stands for no refraction, F = 1
     edge = as_number(specular, "specularFactor", 1.0, at, most=1.0)
     dielectric = np.minimum(f0 * as_numbers(specular, "specularColorFactor", (1, 1, 1), 3, at), 1.0) * edge
     surface = surface_of(colour[:3], metallic, rough, dielectric, edge, coat=weight, coat_roughness=width)
     reading.base[name] = reading.base[name]._replace(metal=metal_of(surface, colour[:3], metallic))
-    return classic(surface, name, what_of(metallic, rough), reading, **given)
+    if not through:
+        return classic(surface, name, what_of(metallic, rough), reading, **given)
+    left = np.maximum(1.0 - given["k_t"], TINY)  # times (1 - through) base, and times the highlight as it is there
+    surface = surface._replace(base=np.minimum(surface.base * alpha * (1.0 - through) / left, 1.0))
+    found = classic(surface, name, what_of(metallic, rough), reading, **given)
+    shown = np.where(given["k_t"] < 1, 1.0 / left, 1.0)
+    more = tuple(dataclasses.replace(of, k_s=of.k_s * shown) for of in found.highlights)
+    return dataclasses.replace(found, k_s=found.k_s * shown, highlights=more)
 
 
 def _base(row: dict[str, Any], alpha: float, name: str, reading: Reading, document: dict[str, Any]) -> BaseColour:
@@ -198,8 +243,9 @@ def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) ->
     c, s = np.cos(turn), np.sin(turn)
     wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
     place = ((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
+    uri = document["images"][index].get("uri", "")
     return Picture(
-        source, document["images"][index].get("uri", ""), index, wrap, sampler.get("magFilter") == 9728, place
+        source, uri if uri.startswith("data:") else unquote(uri), index, wrap, sampler.get("magFilter") == 9728, place
     )
 
 

@@ -88,7 +88,7 @@ def picture_bytes(path: Path, index: int) -> bytes:
     with _read_strictly(path) as document:
         row = document.json["images"][index]
         if "uri" in row:
-            return named_bytes(row["uri"], path.parent, "picture")
+            return _named_bytes(row["uri"], path.parent, "picture")
         view = document.json["bufferViews"][row["bufferView"]]
         start, data = view.get("byteOffset", 0), document.buffers[view["buffer"]]
         return data[max(start, 0) : max(start, 0) + view["byteLength"]]
@@ -131,27 +131,36 @@ def _document(data: bytes, binary: bytes, folder: Path) -> Document:
             raise ValueError(f"it needs the extension {str(name)[:60]}, which is not read. Export it without.")
     buffers = []
     for row in found.get("buffers", []):
-        of = binary if "uri" not in row else named_bytes(row["uri"], folder, "buffer")
+        of = binary if "uri" not in row else _named_bytes(row["uri"], folder, "buffer")
         if len(of) < row["byteLength"]:
             raise ValueError(f"a buffer has {len(of)} of its {row['byteLength']} bytes. Export it again.")
         buffers.append(of)
     return Document(found, buffers)
 
 
-def named_bytes(uri: str, folder: Path, noun: str) -> bytes:
-    """Return the bytes of a buffer or picture: those in its name, or of a file in the folder.
+def data_bytes(uri: str) -> bytes:
+    """Return the bytes that a name of data: holds."""
+    kind, _, text = uri.partition(",")
+    return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
+
+
+def beside(name: str, folder: Path, noun: str) -> Path:
+    """Return a file in a folder or below it.
 
     Raises:
-        ValueError: There is no such file in the folder.
+        ValueError: There is no such file.
     """
-    if uri.startswith("data:"):
-        kind, _, text = uri.partition(",")
-        return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
-    name = unquote_to_bytes(uri).decode()
-    path = (folder / name).resolve()
+    path = (folder / name).resolve() if "\0" not in name else folder
     if not path.is_relative_to(folder.resolve()) or not path.is_file():
         raise ValueError(f"there is no {noun} {name[:80]!r} in its folder. Put it beside the file.")
-    return path.read_bytes()
+    return path
+
+
+def _named_bytes(uri: str, folder: Path, noun: str) -> bytes:
+    """Return the bytes of a buffer or picture: those in its name, or of a file in the folder."""
+    if uri.startswith("data:"):
+        return data_bytes(uri)
+    return beside(unquote_to_bytes(uri).decode(), folder, noun).read_bytes()
 
 
 def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], dict[str, Any]]]:
