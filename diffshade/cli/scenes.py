@@ -127,13 +127,10 @@ def _of_mesh(
 
     import diffshade as ds
 
-    from ..exchange.mesh_objects import looks_of, objects_seen, own_looks
+    from ..exchange.mesh_objects import objects_seen
 
     camera = ds.exchange.frame_mesh(mesh, shape=(size[1], size[0]))
-    if material is None:
-        seen = objects_seen(mesh, own_looks(mesh))
-    else:
-        seen = objects_seen(mesh, looks_of(material), given=material)
+    seen = objects_seen(mesh, material)
     towards = np.asarray(camera.target) - np.asarray(camera.eye)
     lights = (ds.DirectionalLight((0.5, -1.0, -1.0)), ds.DirectionalLight(towards, FILL))
     image = np.zeros((size[1], size[0], 3))

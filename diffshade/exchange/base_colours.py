@@ -19,7 +19,7 @@ STARTS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp", b"BM": 
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # what is beyond the edge of a picture
 
 
-class Picture(NamedTuple):
+class ColourPicture(NamedTuple):
     """A picture that a material's file names or holds."""
 
     source: Path
@@ -121,7 +121,7 @@ def _within(index: np.ndarray, size: int, wrap: str) -> np.ndarray:
 class BaseColour(NamedTuple):
     """How a file colours the points of a material."""
 
-    picture: Picture | None = None
+    picture: ColourPicture | None = None
     fields: tuple[str, ...] = ("k_d",)
     """What of the material the colour multiplies."""
     metal: Float[np.ndarray, "3"] | float = 0.0

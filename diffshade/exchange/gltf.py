@@ -23,7 +23,8 @@ from ..io.gltf_files import base_texture, material_names
 from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import INDEX, Material
-from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, Picture
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture
+from .carried_pictures import into_gltf, notes_on_base
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
 from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, metal_of, surface_of, what_of
@@ -68,16 +69,19 @@ def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
     return best, *differences(target, best.reflected(points))
 
 
-def write_gltf(materials: Mapping[str, Material], lights: Any) -> Draft:
+def write_gltf(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return a glTF file with materials only."""
     drafts, rows, extensions = {}, [], set()
     for name, material in materials.items():
-        row, drafts[name] = _written(name, material, lights)
+        row, draft = _written(name, material, lights)
+        on_base = notes_on_base((bases or {}).get(name), "glTF", turns=True, mirrors=True)
+        drafts[name] = draft._replace(notes=(*draft.notes, *on_base))
         rows.append(row)
         extensions |= set(row["extensions"])
     draft = together(drafts, "")
     asset = {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": draft.notes}}
     document = {"asset": asset, "extensionsUsed": sorted(extensions), "materials": rows}
+    into_gltf(document, bases or {})
     return draft._replace(text=json.dumps(document, indent=2, ensure_ascii=False) + "\n")
 
 
@@ -233,18 +237,18 @@ def _base(row: dict[str, Any], alpha: float, name: str, reading: Reading, docume
         return base
 
 
-def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) -> Picture:
+def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) -> ColourPicture:
     """Return the picture that a texture shows (glTF 2.0, 5.27 and 5.29), placed as KHR_texture_transform says."""
     of = document["textures"][texture["index"]]
     index = of.get("extensions", {}).get("EXT_texture_webp", of)["source"]
     sampler = document["samplers"][of["sampler"]] if "sampler" in of else {}
     placed = texture.get("extensions", {}).get("KHR_texture_transform", {})
     (x, y), (wide, high), turn = placed.get("offset", (0, 0)), placed.get("scale", (1, 1)), placed.get("rotation", 0)
-    c, s = np.cos(turn), np.sin(turn)
+    c, s = float(np.cos(turn)), float(np.sin(turn))
     wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
     place = ((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
     uri = document["images"][index].get("uri", "")
-    return Picture(
+    return ColourPicture(
         source, uri if uri.startswith("data:") else unquote(uri), index, wrap, sampler.get("magFilter") == 9728, place
     )
 

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ..core.fields import check_kind, in_short
-from ..core.words import did_you_mean
+from ..core.words import did_you_mean, listing
 from ..io.files import replacing
 from ..io.parsing import read_glb, read_text, short
 from ..io.scene_files import read_scene
 from ..model.bands import check_rgb
 from ..model.lights import AbstractLight
 from ..model.materials import Material
+from .base_colours import BaseColour
+from .carried_pictures import carried, write_copies
 from .gltf import read_gltf, write_gltf
 from .mtl import read_mtl, write_mtl
 from .opengl import read_opengl, read_opengl_lights, write_opengl
@@ -44,6 +46,7 @@ WRITERS = {
     ".inc": write_povray,
     ".gltf": write_gltf,
 }
+TEXTURED = {".mtl": write_mtl, ".gltf": write_gltf, ".json": write_json}  # those that name pictures
 _LOGGER = logging.getLogger("diffshade")
 
 
@@ -95,11 +98,21 @@ def write_material(
         TypeError: If an argument has another type.
         OSError: If the file cannot be written.
     """
-    path, lights = Path(path), (lights,) if isinstance(lights, AbstractLight) else tuple(lights)
+    named = dict(material) if isinstance(material, Mapping) else {name: material}
+    return write_textured(path, named, {}, (lights,) if isinstance(lights, AbstractLight) else tuple(lights))
+
+
+def write_textured(
+    path: str | Path,
+    named: Mapping[str, Material],
+    bases: Mapping[str, BaseColour],
+    lights: Sequence[AbstractLight] = (),
+) -> Exported:
+    """Write materials as `write_material` does, with the pictures of their base colours where the format names any."""
+    path = Path(path)
     suffix = check_format(path)
     for i, light in enumerate(lights):
         check_kind(f"lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
-    named = dict(material) if isinstance(material, Mapping) else {name: material}
     if not named:
         raise ValueError("a material file needs at least one material; got none. Give a Material.")
     for word, one in named.items():
@@ -107,10 +120,18 @@ def write_material(
             raise ValueError(f"a material's name must be a word; got {in_short(word)}. Give for example 'gold'.")
         check_kind(f"the material {word!r}", one, Material, "Material(k_d=0.7)")
         check_rgb(f"the material {word!r}", one)
-    draft = WRITERS[suffix](named, lights)
+    bases = {name: base for name, base in bases.items() if base.picture is not None and name in named}
+    if suffix in TEXTURED:
+        found = carried(bases, path, packs=suffix != ".mtl")
+        draft, notes = TEXTURED[suffix](named, lights, found.bases), found.notes
+        write_copies(found.copies)
+    else:
+        draft, notes = WRITERS[suffix](named, lights), ()
+        if bases:
+            notes = (f"{listing(list(bases))}: {suffix} names no pictures; the colour of the material is written.",)
     with replacing(path) as temporary:
         temporary.write_text(draft.text, encoding="utf-8")
-    return Exported(path, draft.rms, draft.largest, draft.notes)
+    return Exported(path, draft.rms, draft.largest, (*draft.notes, *notes))
 
 
 def check_format(path: Path, *, also: tuple[str, ...] = ()) -> str:
@@ -139,20 +160,34 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
     """
     reading = read_file(Path(path))
     found = reading.materials
+    chosen = _chosen(path, reading, name)
+    warn(reading, name)
+    return found[chosen]
+
+
+def read_textured(path: str | Path, name: str | None = None) -> tuple[dict[str, Material], dict[str, BaseColour]]:
+    """Return the materials of a file, or the one of a name, and how pictures colour them."""
+    reading = read_file(Path(path))
+    chosen = list(reading.materials) if name is None else [_chosen(path, reading, name)]
+    warn(reading, name, textured=True)
+    return {of: reading.materials[of] for of in chosen}, {of: reading.base[of] for of in chosen if of in reading.base}
+
+
+def _chosen(path: str | Path, reading: Reading, name: str | None) -> str:
+    """Return the name of the one material of a file, or of the one that is asked for."""
+    found = reading.materials
     if name is None:
         if len(found) + len(reading.refused) > 1:
             raise ValueError(
                 f"{path} holds {len(found) + len(reading.refused)} materials. Name one, for example "
                 f"name={short(next(iter({**found, **reading.refused})))}."
             )
-        warn(reading)
-        return next(iter(found.values()))
+        return next(iter(found))
     if name in reading.refused:
         raise ValueError(reading.refused[name])
     if name not in found:
         raise ValueError(f"{path} has no material {in_short(name)}. {did_you_mean(str(name), found)}")
-    warn(reading, name)
-    return found[name]
+    return name
 
 
 def read_materials(path: str | Path) -> dict[str, Material]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from ..core.fields import check_kind
@@ -48,20 +48,20 @@ def read_mesh_objects(path: str | Path, camera: AbstractCamera) -> list[Object]:
         TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
-    return objects_seen(path, own_looks(path))(camera)
+    return objects_seen(path)(camera)
 
 
-def own_looks(path: str | Path) -> dict[str, Look]:
+def _own_looks(path: str | Path) -> dict[str, Look]:
     """Return the looks of a mesh file's own materials; none of a file without materials."""
     path = Path(path)
     if path.suffix.lower() in (".gltf", ".glb"):
-        return looks_of(path, strict=False)
+        return _looks_of(path, strict=False)
     found: dict[str, Look] = {}
     if path.suffix.lower() == ".obj" and path.is_file():
         for line in LIBRARY.findall(path.read_bytes()):
             text = line.decode("utf-8", "replace").strip()
             for library in (named := _named(text, path.parent)):
-                found |= looks_of(library, strict=False)
+                found |= _looks_of(library, strict=False)
             if not named:
                 _LOGGER.warning("%s names the materials of %s, which is not beside it; they are grey.", path, text)
     return found
@@ -75,7 +75,7 @@ def _named(line: str, folder: Path) -> list[Path]:
     return []
 
 
-def looks_of(given: str | Path, *, strict: bool = True) -> dict[str, Look]:
+def _looks_of(given: str | Path, *, strict: bool = True) -> dict[str, Look]:
     """Return the materials of a file, or the one of a name, with their base colours; say what of them is left out.
 
     `strict`: a file of which none can be read is refused.
@@ -96,15 +96,14 @@ def looks_of(given: str | Path, *, strict: bool = True) -> dict[str, Look]:
     return found
 
 
-def objects_seen(
-    path: str | Path, looks: Mapping[str, Look], *, given: str = ""
-) -> Callable[[AbstractCamera], list[Object]]:
-    """Return what shows a mesh in these looks to any camera; faces without one are grey.
+def objects_seen(path: str | Path, given: str | None = None) -> Callable[[AbstractCamera], list[Object]]:
+    """Return what shows a mesh to any camera: in its own materials, faces without one grey.
 
-    `given`: what the looks are of if not the mesh's own. A single one is then that of all faces, and one that lacks is
-    refused.
+    `given`: a file of materials, or the name of one, in place of its own. A single one is that of all faces; of several
+    none may lack.
     """
-    if whole := bool(given) and len(looks) == 1:
+    looks = _own_looks(path) if given is None else _looks_of(given)
+    if whole := given is not None and len(looks) == 1:
         looks = {"": next(iter(looks.values()))}
     shows = {name: look.shows for name, look in looks.items() if look.base.cutoff is not None}
     parts = parts_seen(path, whole=whole, shows=shows)

@@ -17,7 +17,8 @@ from ..core.words import listing
 from ..io.parsing import NUMBER, number, numbers, short
 from ..model.lobes import Blinn
 from ..model.materials import INDEX, Material
-from .base_colours import CLAMP, REPEAT, BaseColour, Picture
+from .base_colours import CLAMP, REPEAT, BaseColour, ColourPicture
+from .carried_pictures import notes_on_base, rows_of_mtl
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, together
 from .lobe_refits import with_lobe
 from .metallic_roughness import classic, metal_of, surface_of, what_of
@@ -54,16 +55,23 @@ ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
 _COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 
 
-def write_mtl(materials: Mapping[str, Material], lights: Any) -> Draft:
+def write_mtl(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return the text of an MTL file; the error is that of the worst material."""
     named = words(materials)
-    drafts = {name: _written(name, named[name], material, lights) for name, material in materials.items()}
+    drafts = {
+        name: _written(name, named[name], material, lights, (bases or {}).get(name))
+        for name, material in materials.items()
+    }
     return together(drafts, "")
 
 
-def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
+def _written(name: str, word: str, material: Material, lights: Any, base: BaseColour | None) -> Draft:
     refit = with_lobe(material, Blinn(), highest_n_s=MAX_N_S)
-    notes = [*original(name, word), *notes_on_refit(refit)]
+    notes = [
+        *original(name, word),
+        *notes_on_refit(refit),
+        *notes_on_base(base, "MTL", turns=False, mirrors=False, alpha=False),
+    ]
     m, k_t = refit.material, np.zeros(3) if material.k_t is None else np.asarray(material.k_t)
     if any(np.max(np.asarray(k)) > 1 for k in (m.k_a, m.k_d, m.k_s)):
         notes.append("coefficients above 1 are written unchanged; many programs clamp them to 1.")
@@ -75,6 +83,7 @@ def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
     if m.eta is not None:
         rows["Ni"] = plain(m.eta, " ")
     rows["illum"] = "9" if most == 1 else "2" if np.any(m.k_s) else "1"  # d 0 is read as a slip of an opaque illum
+    rows |= rows_of_mtl(base)
     text = comment(notes, "#") + f"newmtl {word}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
     return Draft(text, refit.rms, refit.largest, (*notes_on_lights(lights, "MTL"), *notes))
 
@@ -165,7 +174,7 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
     return Material(**given, n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
 
 
-def _picture(rows: Mapping[str, list[str]], name: str, reading: Reading, key: str) -> Picture | None:
+def _picture(rows: Mapping[str, list[str]], name: str, reading: Reading, key: str) -> ColourPicture | None:
     """Return the picture of a map, placed as its options -s and -o say; others are not read."""
     words = next((list(row) for given, row in rows.items() if given.lower() == key), [])
     scale, off, clamps = [1.0, 1.0], [0.0, 0.0], False
@@ -181,7 +190,7 @@ def _picture(rows: Mapping[str, list[str]], name: str, reading: Reading, key: st
     if not words:
         return None
     place = ((scale[0], 0.0, off[0]), (0.0, scale[1], 1.0 - scale[1] - off[1]))  # v of an OBJ is up
-    return Picture(
+    return ColourPicture(
         Path(reading.where), " ".join(words), wrap=(CLAMP, CLAMP) if clamps else (REPEAT, REPEAT), place=place
     )
 

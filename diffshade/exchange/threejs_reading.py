@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ..io.parsing import short
 from ..model.lobes import Blinn
 from ..model.materials import Material
-from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, Picture
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture
 from .exports import stated
 from .hex_colours import from_hex
 from .javascript import Expression, created
@@ -35,7 +35,7 @@ KINDS = (
     "MeshBasicMaterial",
 )
 WRAPS = {1000: REPEAT, 1001: CLAMP, 1002: MIRROR}  # as three.js numbers them
-_PLACES = (("wrap", 1001), ("offset", 0.0), ("repeat", 1.0))
+_PLACED = {"wrap": 1001, "offset": 0, "repeat": 1}  # and what each of the two numbers is where it is left out
 _WORD = re.compile(r"(?:#|0[xX])([0-9a-fA-F]{6}|[0-9a-fA-F]{3})", re.ASCII)
 # What the reading uses; what a program keeps for itself; and what has an effect unless it has this value.
 _READ = re.compile(
@@ -69,18 +69,18 @@ def read_json(text: str, where: str) -> Reading:
     return reading
 
 
-def _pictures(document: Any, source: Path) -> dict[str, Picture]:
+def _pictures(document: Any, source: Path) -> dict[str, ColourPicture]:
     """Return the pictures of the textures of a material, an object or a scene of the editor, by their uuid."""
     found = {}
     for table in (as_table(document), as_table(as_table(document).get("scene"))):
         urls = {f"{of.get('uuid')}": of.get("url") for of in _tables(table, "images")}
         for of in _tables(table, "textures"):
             try:
-                (u, v), (x, y), (wide, high) = (of.get(key, (usual,) * 2) for key, usual in _PLACES)
+                (u, v), (x, y), (wide, high) = (of.get(key, (usual,) * 2) for key, usual in _PLACED.items())
                 wrap, place = (WRAPS[u], WRAPS[v]), ((wide, 0.0, x), (0.0, high, 1.0 - high - y))  # v is up
                 uri, nearest = urls[of["image"]], of.get("magFilter") == 1003
                 if isinstance(uri, str) and np.isfinite(place).all():
-                    found[str(of["uuid"])] = Picture(source, uri, wrap=wrap, nearest=nearest, place=place)
+                    found[str(of["uuid"])] = ColourPicture(source, uri, wrap=wrap, nearest=nearest, place=place)
             except (KeyError, TypeError, ValueError):
                 continue
     return found
@@ -127,7 +127,11 @@ def read_js(text: str, where: str) -> Reading:
 
 
 def _add(
-    reading: Reading, name: Any, kind: str, settings: dict[str, Any], pictures: Mapping[str, Picture] | None = None
+    reading: Reading,
+    name: Any,
+    kind: str,
+    settings: dict[str, Any],
+    pictures: Mapping[str, ColourPicture] | None = None,
 ) -> None:
     name = name if isinstance(name, str) and name and not isinstance(name, Expression) else "material"
     name = reading.unused(name)

@@ -95,7 +95,7 @@ def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuff
     return {name: seen(camera).buffer for name, seen in parts_seen(path).items()}
 
 
-class Seen(NamedTuple):
+class SeenPart(NamedTuple):
     """What a camera sees of a part of a mesh, and the looks of its points, as `Polygons` have them."""
 
     buffer: GBuffer
@@ -108,7 +108,7 @@ Shows = Callable[[Float[np.ndarray, "points 6"]], Bool[np.ndarray, " points"]]
 
 def parts_seen(
     path: str | Path, *, whole: bool = False, shows: Mapping[str, Shows] | None = None
-) -> dict[str, Callable[[AbstractCamera], Seen]]:
+) -> dict[str, Callable[[AbstractCamera], SeenPart]]:
     """Return what shows each part of a mesh to any camera, or all as one part, the file being read once.
 
     `shows`: of the parts by these names, which points are there; rays go on through the others.
@@ -159,14 +159,14 @@ def _surface(path: str | Path) -> MeshSurface:
     return found
 
 
-def _seen(surface: MeshSurface, smooth: bool, shows: Shows | None = None) -> Callable[[AbstractCamera], Seen]:
+def _seen(surface: MeshSurface, smooth: bool, shows: Shows | None = None) -> Callable[[AbstractCamera], SeenPart]:
     """Return what gives the nearest points of a mesh to a camera, and their normals, on the viewer's side."""
     centre = surface.centre
     corner = surface.corner - centre  # which Embree rounds to float32
     hits_of = tracer(Triangles(corner.reshape(-1, 3), np.arange(3 * len(corner)).reshape(-1, 3)), every=bool(shows))
     looks = np.broadcast_to(BARE, corner.shape[:2] + BARE.shape) if surface.look is None else surface.look
 
-    def seen_by(camera: AbstractCamera) -> Seen:
+    def seen_by(camera: AbstractCamera) -> SeenPart:
         with in_float64(camera) as camera:
             start, toward = (np.asarray(a) for a in _rays(camera))
         hits = hits_of(start - centre, toward)
@@ -193,7 +193,7 @@ def _seen(surface: MeshSurface, smooth: bool, shows: Shows | None = None) -> Cal
             of_pixels = np.tile(BARE, (len(start), 1))
             of_pixels[hits.ray] = look
             of_pixels = of_pixels.reshape(*shape, -1)
-        return Seen(GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape)), of_pixels)
+        return SeenPart(GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape)), of_pixels)
 
     return seen_by
 

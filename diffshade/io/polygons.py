@@ -9,7 +9,7 @@ from jaxtyping import Float, Int, Num
 
 NONE = -1
 """The group of faces that share their normals with no other."""
-BARE = np.array([np.nan, np.nan, 1.0, 1.0, 1.0, 1.0])
+BARE = np.array(["nan", "nan", "1", "1", "1", "1"], float)
 """The look of a corner of which a file says nothing: no texture coordinates, and white."""
 
 

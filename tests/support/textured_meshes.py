@@ -55,7 +55,7 @@ def pictures() -> dict[str, Picture]:
     return {"many": Picture(many), "smooth": Picture(smooth.astype(np.uint8))}
 
 
-def materials() -> list[dict[str, Any]]:
+def materials(metallic: float) -> list[dict[str, Any]]:
     def of(name: str, texture: int | None, *, unlit: bool = False, metal: float = 0.0, **more: Any) -> dict[str, Any]:
         row: dict[str, Any] = {"metallicFactor": metal, "roughnessFactor": 0.8}
         row["baseColorFactor"] = more.pop("factor", FACTOR)
@@ -72,7 +72,7 @@ def materials() -> list[dict[str, Any]]:
         of("blend", 0, alphaMode="BLEND", factor=(1.0, 1.0, 1.0, 0.75)),
         of("wrapped", 1),
         of("turned", 2, placed={"extensions": {"KHR_texture_transform": placed}}),
-        of("metal", 0, metal=1.0),
+        of("metal", 0, metal=metallic),
         of("unlit", 0, unlit=True),
         of("wall", None, factor=(*WALL.tolist(), 1.0)),
     ]
@@ -122,8 +122,11 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def write(path: Path, *, packed: bool = True) -> Path:
-    """Write the model as .glb or .gltf: with its pictures in it, or beside it."""
+def write(path: Path, *, packed: bool = True, metallic: float = 1.0) -> Path:
+    """Write the model as .glb or .gltf: with its pictures in it, or beside it.
+
+    `metallic`: of the metal; 0 makes it as the others, which takes no refit.
+    """
     buffer, primitives, nodes = _Buffer(), [], []
     square = np.array([(-0.5, -0.5, 0), (0.5, -0.5, 0), (0.5, 0.5, 0), (-0.5, 0.5, 0)], float)
     uv = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], float)
@@ -167,7 +170,7 @@ def write(path: Path, *, packed: bool = True) -> Path:
         "scenes": [{"nodes": [0, 1]}],
         "nodes": [{"mesh": 0}, *nodes],
         "meshes": [{"primitives": of} for of in (primitives, *meshes)],
-        "materials": materials(),
+        "materials": materials(metallic),
         "samplers": [smooth, clamped],
         "textures": [{"source": 0, "sampler": 0}, {"source": 0, "sampler": 1}, {"source": 1, "sampler": 0}],
         "images": images,
