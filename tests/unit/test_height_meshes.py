@@ -321,32 +321,12 @@ def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
     assert np.median(angle(of_pixels, normal[joined])) < most
 
 
-def coin(x, y):
-    """A rim and a star, with steep sides."""
-
-    def height(x, y):
-        star = np.hypot(x, y) - 0.45 - 0.12 * np.cos(5 * np.arctan2(y, x))
-        return 0.06 / (1 + np.exp((0.88 - np.hypot(x, y)) / 0.006)) + 0.05 / (1 + np.exp(star / 0.006))
-
-    e = 1e-5
-    return (
-        height(x, y),
-        (height(x + e, y) - height(x - e, y)) / 2 / e,
-        (height(x, y + e) - height(x, y - e)) / 2 / e,
-    )
-
-
-def waves(x, y):
-    s, c = np.sin, np.cos
-    return 0.12 * s(5 * x) * c(4 * y), 0.6 * c(5 * x) * c(4 * y), -0.48 * s(5 * x) * s(4 * y)
-
-
 def objects(size):
     x, y = reliefs.grid(size)
     return {
         "vase": reliefs.vase(size),
-        "coin": reliefs.relief(size, coin, mask=np.hypot(x, y) < 1.0),
-        "waves": reliefs.relief(size, waves),
+        "coin": reliefs.relief(size, reliefs.coin, mask=np.hypot(x, y) < 1.0),
+        "waves": reliefs.relief(size, reliefs.waves),
         "step": reliefs.relief(size, reliefs.stepped(0.4)),
     }
 
