@@ -19,6 +19,18 @@ STARTS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp", b"BM": 
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # what is beyond the edge of a picture
 
 
+RANGE = np.iinfo(np.int32).min, np.iinfo(np.int32).max  # of the index of a pixel
+Place = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+def place_of(*rows: Any) -> Place:
+    """Return the place of a picture; refuse numbers that are none."""
+    u, v = np.array(rows, float).tolist()
+    if len(u) != 3 or not np.isfinite([*u, *v]).all():
+        raise ValueError("a picture must be placed by finite numbers. Correct the file.")
+    return (u[0], u[1], u[2]), (v[0], v[1], v[2])
+
+
 class ColourPicture(NamedTuple):
     """A picture that a material's file names or holds."""
 
@@ -32,7 +44,7 @@ class ColourPicture(NamedTuple):
     """What is beyond its edges, along u and along v."""
     nearest: bool = False
     """Whether a point has the colour of the nearest pixel, and not one between four of them."""
-    place: tuple[tuple[float, float, float], tuple[float, float, float]] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    place: Place = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     """From (u, v, 1) of the mesh to those of the picture."""
 
     @property
@@ -85,7 +97,7 @@ class ColourPicture(NamedTuple):
                 if image.shape[-1] not in (2, 4):
                     image = np.concatenate([image, np.ones_like(image[..., :1])], -1)
                 colour, alpha = image[..., :-1], image[..., -1:]
-                return np.concatenate([np.broadcast_to(colour, (*alpha.shape[:2], 3)), alpha], -1)
+                return np.concatenate([np.broadcast_to(colour, (*alpha.shape[:2], 3)), alpha], -1).astype(np.float32)
             except (OSError, ImportError, ValueError) as error:
                 raise ValueError(f"{error}".replace(f"{path}", self.uri[:60] or "its picture")) from None
 
@@ -98,7 +110,7 @@ class ColourPicture(NamedTuple):
         for size, x, wrap, shift in zip(
             texels.shape[1::-1], (u, v), self.wrap, np.array(self.place)[:, 2], strict=True
         ):
-            x = (x + shift) * size - 0.5
+            x = np.clip(np.nan_to_num((x + shift) * size - 0.5), *RANGE)
             first = np.floor(x)
             part = x - first if not self.nearest else x - first >= 0.5
             corners.append([(_within(first.astype(int) + k, size, wrap), np.abs(1 - k - part)) for k in (0, 1)])
@@ -136,13 +148,12 @@ class BaseColour(NamedTuple):
 class Look:
     """A material with its base colour."""
 
-    def __init__(self, material: Material, base: BaseColour):
-        self.material, self.base = material, base
-        self._texels = None if base.picture is None else base.picture.texels()
+    def __init__(self, material: Material, base: BaseColour, texels: Float[np.ndarray, "h w 4"] | None = None):
+        self.material, self.base, self._texels = material, base, texels
 
     def colour(self, look: Float[np.ndarray, "*s 6"]) -> Float[np.ndarray, "*s 4"]:
         """Return the colour and alpha at points of these looks."""
-        colour = look[..., 2:]
+        colour = np.clip(np.nan_to_num(look[..., 2:]), 0.0, 1.0)
         if self._texels is None or self.base.picture is None:
             return colour
         return colour * self.base.picture.at(self._texels, look[..., :2])

@@ -23,7 +23,7 @@ from ..io.gltf_files import base_texture, material_names
 from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import INDEX, Material
-from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture, place_of
 from .carried_pictures import into_gltf, notes_on_base
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
@@ -244,9 +244,9 @@ def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) ->
     sampler = document["samplers"][of["sampler"]] if "sampler" in of else {}
     placed = texture.get("extensions", {}).get("KHR_texture_transform", {})
     (x, y), (wide, high), turn = placed.get("offset", (0, 0)), placed.get("scale", (1, 1)), placed.get("rotation", 0)
-    c, s = float(np.cos(turn)), float(np.sin(turn))
+    c, s = np.cos(turn), np.sin(turn)
     wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
-    place = ((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
+    place = place_of((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
     uri = document["images"][index].get("uri", "")
     return ColourPicture(
         source, uri if uri.startswith("data:") else unquote(uri), index, wrap, sampler.get("magFilter") == 9728, place

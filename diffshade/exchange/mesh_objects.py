@@ -6,6 +6,7 @@ import logging
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ..core.fields import check_kind
 from ..io.meshes import parts_seen
@@ -85,14 +86,17 @@ def _looks_of(given: str | Path, *, strict: bool = True) -> dict[str, Look]:
         return {f"{given}": Look(named_material(f"{given}"), BaseColour())}
     reading = read_file(path, strict=strict)
     warn(reading, textured=True)
-    found = {}
+    found, pictures = {}, dict[tuple[str, int], Any]()
     for name, material in reading.materials.items():
         base = reading.base.get(name, BaseColour())
-        try:
-            found[name] = Look(material, base)
-        except ValueError as error:
-            _LOGGER.warning("%s: %s Its colour alone is drawn.", reading.at(name), error)
-            found[name] = Look(material, base._replace(picture=None))
+        texels = None
+        if base.picture is not None:
+            try:
+                key = base.picture.uri, base.picture.image
+                texels = pictures[key] = pictures[key] if key in pictures else base.picture.texels()
+            except ValueError as error:
+                _LOGGER.warning("%s: %s Its colour alone is drawn.", reading.at(name), error)
+        found[name] = Look(material, base, texels)
     return found
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ..io.parsing import short
 from ..model.lobes import Blinn
 from ..model.materials import Material
-from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture, place_of
 from .exports import stated
 from .hex_colours import from_hex
 from .javascript import Expression, created
@@ -77,9 +77,9 @@ def _pictures(document: Any, source: Path) -> dict[str, ColourPicture]:
         for of in _tables(table, "textures"):
             try:
                 (u, v), (x, y), (wide, high) = (of.get(key, (usual,) * 2) for key, usual in _PLACED.items())
-                wrap, place = (WRAPS[u], WRAPS[v]), ((wide, 0.0, x), (0.0, high, 1.0 - high - y))  # v is up
+                wrap, place = (WRAPS[u], WRAPS[v]), place_of((wide, 0.0, x), (0.0, high, 1.0 - high - y))  # v is up
                 uri, nearest = urls[of["image"]], of.get("magFilter") == 1003
-                if isinstance(uri, str) and np.isfinite(place).all():
+                if isinstance(uri, str):
                     found[str(of["uuid"])] = ColourPicture(source, uri, wrap=wrap, nearest=nearest, place=place)
             except (KeyError, TypeError, ValueError):
                 continue

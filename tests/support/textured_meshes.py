@@ -189,3 +189,11 @@ def write(path: Path, *, packed: bool = True, metallic: float = 1.0) -> Path:
     )
     path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
     return path
+
+
+def write_unlit(path: Path) -> None:
+    """Write the model with its pictures beside it, all without light, which takes no refit."""
+    document = json.loads(write(path, packed=False).read_text())
+    for row in document["materials"]:
+        row["extensions"] = {"KHR_materials_unlit": {}}
+    path.write_text(json.dumps(document))

@@ -2,6 +2,7 @@
 
 import logging
 
+import handmade_maps
 import jax
 import mesh_files
 import numpy as np
@@ -78,11 +79,11 @@ def test_faces_without_a_material_are_grey(tmp_path, caplog):
     assert "names the materials of my lib.mtl, which is not beside it; they are grey." in caplog.text
     assert item.material.k_d.tolist() == [0.7] * 3
     points = [(mesh_files.POINTS.astype("<f4"), "VEC3"), (np.array([0, 1, 2, 3], "<u1"), "SCALAR")]
-    colours = (np.tile([[255, 0, 51]], (4, 1)).astype("<u1"), "VEC3")
+    colours = (np.tile([[1, 0, 0.2]], (4, 1)).astype("<f4"), "VEC3")
     row = {"attributes": {"POSITION": 0, "COLOR_0": 2}, "indices": 1, "mode": 6}
     (tmp_path / "a.glb").write_bytes(mesh_files.gltf([row], [*points, colours]))
     (item,) = ds.exchange.read_mesh_objects(tmp_path / "a.glb", camera)
-    np.testing.assert_allclose(item.material.k_a, np.full((2, 2, 3), (178.5, 0, 35.7)))
+    np.testing.assert_allclose(item.material.k_a, np.full((2, 2, 3), (0.7, 0, 0.14)), atol=1e-7)
 
 
 def test_a_render_is_differentiable_in_a_factor_of_k_d(tmp_path):
@@ -98,3 +99,15 @@ def test_a_render_is_differentiable_in_a_factor_of_k_d(tmp_path):
         return ds.render(ds.Scene(ds.Object(item.surface, material), HEAD_ON), camera).sum((0, 1))
 
     np.testing.assert_allclose(jax.jacobian(total)(jax.numpy.ones(3)), 2 * np.eye(3), rtol=1e-5)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", handmade_maps.JUDGED)
+def test_meshes_of_maps_have_their_k_d_again(name, tmp_path):
+    """As they were written, in bytes of sRGB, at the middles of the texels; of a step, the mesh is beside it."""
+    maps, heights, _ = handmade_maps.judged(name, 48)
+    inside = maps.status > 0
+    ds.exchange.write_mesh(tmp_path / "a.obj", ds.heights.height_mesh(heights), maps=maps)
+    (item,) = ds.exchange.read_mesh_objects(tmp_path / "a.obj", maps.camera)
+    off = np.abs(ds.srgb_encode(item.material.k_d) - ds.srgb_encode(maps.values["k_d"]))[inside]
+    assert np.quantile(off, 0.98) < 1.01 / 255
