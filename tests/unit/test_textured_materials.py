@@ -40,18 +40,23 @@ def folder(tmp_path):
 
 
 def bases(path):
-    return {name: base for name, base in read_textured(path)[1].items() if base.picture is not None}
+    return read_textured(path)[1]
+
+
+def pictures(path):
+    """The pictures of base colours, by material."""
+    return {name: base.picture for name, base in bases(path).items() if base.picture is not None}
 
 
 def test_a_picture_goes_through_every_format_and_back(folder, converted, caplog):
     """In one folder its name stays; in another it lies beside the file, once, and its place is the same."""
     chain = ["in/a.mtl", "in/b.gltf", "out/c.json", "out/d.gltf", "in/e.mtl"]
-    given = bases(folder / chain[0])["wall"].picture
+    given = pictures(folder / chain[0])["wall"]
     for one, other in itertools.pairwise(chain):
         converted(folder / one, folder / other)
-        found = bases(folder / other)
+        found = pictures(folder / other)
         assert list(found) == ["wall"]
-        picture = found["wall"].picture
+        picture = found["wall"]
         assert (picture.uri, picture.wrap, picture.read()) == ("tile.png", given.wrap, given.read())
         np.testing.assert_allclose(picture.place, given.place, atol=1e-12)
         if one == chain[0]:
@@ -65,7 +70,7 @@ def test_another_picture_of_its_name_is_not_replaced(folder, converted):
     (folder / "out" / "tile.png").write_bytes(b"another")
     converted(folder / "in" / "a.mtl", folder / "out" / "c.mtl")
     assert (folder / "out" / "tile.png").read_bytes() == b"another"
-    assert bases(folder / "out" / "c.mtl")["wall"].picture.uri == "c_wall.png"
+    assert pictures(folder / "out" / "c.mtl")["wall"].uri == "c_wall.png"
     (folder / "in" / "far.mtl").write_text(MTL.format("").replace("tile.png", f"{folder}/in/tile.png"))
     converted(folder / "in" / "far.mtl", folder / "out" / "f.mtl")
     assert f"map_Kd {folder}/in/tile.png" in (folder / "out" / "f.mtl").read_text()  # it leads there from anywhere
@@ -76,21 +81,23 @@ def test_what_is_packed_stays_packed_where_a_format_can(folder, converted):
     converted(folder / "in" / "m.glb", folder / "out" / "m.gltf", folder / "out" / "m.json")
     many = made.pictures()["many"].png()
     for name in ("m.gltf", "m.json"):
-        found = bases(folder / "out" / name)
-        assert found["opaque"].picture.is_packed
-        assert found["opaque"].picture.read() == many
-        assert found["wrapped"].picture.wrap == ("mirror", "clamp")
+        shown = pictures(folder / "out" / name)
+        assert shown["opaque"].is_packed
+        assert shown["opaque"].read() == many
+        assert shown["wrapped"].wrap == ("mirror", "clamp")
     assert sorted(os.listdir(folder / "out")) == ["m.gltf", "m.json"]
     found = bases(folder / "out" / "m.gltf")
     assert (found["mask"].cutoff, found["blend"].blends) == (0.3, True)
     np.testing.assert_allclose(
-        found["turned"].picture.place, bases(folder / "in" / "m.glb")["turned"].picture.place, atol=1e-12
+        pictures(folder / "out" / "m.gltf")["turned"].place,
+        pictures(folder / "in" / "m.glb")["turned"].place,
+        atol=1e-12,
     )
     said = converted(folder / "out" / "m.gltf", folder / "out" / "m.mtl")
     assert "turned: MTL does not turn pictures" in said
     assert "wrapped: MTL does not mirror pictures" in said
     assert "mask and blend: MTL draws the clear points of its picture as well." in said
-    assert bases(folder / "out" / "m.mtl")["opaque"].picture.read() == many
+    assert pictures(folder / "out" / "m.mtl")["opaque"].read() == many
 
 
 @pytest.mark.parametrize("suffix", [".c", ".py", ".inc", ".js"])
