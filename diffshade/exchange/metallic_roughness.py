@@ -100,6 +100,8 @@ def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, 
         reading: The reading that keeps the note.
         **more: Other fields of the material.
     """
+    if not (np.any(surface.head_on) or surface.edge or surface.coat):  # matte
+        return Material(k_d=surface.base, lobe=Blinn(), **more)
     widths = [surface.roughness] + ([surface.coat_roughness] if surface.coat else [])
     parts = [reference(min(2.0 / max(width, ROUGHNESS[0]) ** 4, N_S_RANGE[1])) for width in widths]
     points = Reference(*(np.concatenate([getattr(of, axis) for of in parts]) for axis in ("n", "l")))
