@@ -33,7 +33,8 @@ def convert(
     """Write materials, or maps, for other programs.
 
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
-    glTF 2.0, .toml a diffshade scene. All materials of FROM are written, or the one of --name. From a folder of maps: a
+    glTF 2.0, .toml a diffshade scene. All materials of FROM are written, or the one of --name, with the pictures of
+    their base colours (.mtl, .gltf, .json). From a folder of maps: a
     mesh as .glb, .gltf, .json (three.js), .obj, .ply; what viewers show under any light as .ptm (RTIViewer) or, without
     a suffix, a folder (Relight, OpenLIME).
 
@@ -56,13 +57,13 @@ def convert(
 
 def _of_materials(given: Path, wanted: tuple[Path, ...], name: str | None) -> tuple[dict[str, Any], list[Any]]:
     """Write the materials of a file, or the one of a name; return them, and what was written."""
-    import diffshade as ds
+    from ..exchange.material_files import read_textured
 
     check_out(wanted, [given])
-    found = ds.exchange.read_materials(given) if name is None else {name: ds.exchange.read_material(given, name=name)}
+    found, bases = read_textured(given, name)
     if list(found) == ["material"]:  # a name that no one gave
-        found = {word_of(given): found["material"]}
-    return found, [put_materials(path, found) for path in wanted]
+        found, bases = {word_of(given): found["material"]}, {word_of(given): base for base in bases.values()}
+    return found, [put_materials(path, found, bases) for path in wanted]
 
 
 def _of_maps(

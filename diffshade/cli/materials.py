@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import diffshade as ds
 
+    from ..exchange.base_colours import BaseColour
     from ..exchange.material_files import Exported
 
 STARTER = """\
@@ -119,13 +120,6 @@ def find_material(word: str) -> ds.Material:
     return ds.exchange.read_material(word) if Path(word).suffix else ds.material(word)
 
 
-def find_materials(word: str) -> Mapping[str, ds.Material]:
-    """Return all materials of a file, or the one that `ds.material` has by this name."""
-    import diffshade as ds
-
-    return ds.exchange.read_materials(word) if Path(word).suffix else {word: ds.material(word)}
-
-
 def starter(file: Path, material: ds.Material, about: str) -> str:
     """Return a commented scene: a ball of this material under one lamp."""
     import diffshade as ds
@@ -174,16 +168,15 @@ def put_material(path: Path, material: ds.Material, *, name: str = "", about: st
     return path
 
 
-def put_materials(path: Path, materials: Mapping[str, ds.Material]) -> Exported | Path:
+def put_materials(path: Path, materials: Mapping[str, ds.Material], bases: Mapping[str, BaseColour]) -> Exported | Path:
     """Write materials for another program, or (.toml) on balls in a scene, depending on the suffix."""
-    import diffshade as ds
+    from ..exchange.material_files import write_textured
 
+    if path.suffix.lower() != ".toml":
+        return write_textured(path, materials, bases)
     if len(materials) == 1:
-        ((name, material),) = materials.items()
-        return put_material(path, material, name=name)
-    return (
-        _put_balls(path, materials) if path.suffix.lower() == ".toml" else ds.exchange.write_material(path, materials)
-    )
+        return put_material(path, *materials.values())
+    return _put_balls(path, materials)
 
 
 def _put_balls(path: Path, materials: Mapping[str, ds.Material]) -> Path:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import CompletionItem
 
-from .materials import find_material, find_materials, put_material
+from .materials import find_material, put_material
 from .pictures import EXPOSURE, check_holds_bands, check_picture, put_picture
 from .terminal import FILE, FOLDER, SETTINGS, Exposure, Names, OneOf, Size, answer, completions, with_json
 
@@ -63,7 +63,7 @@ def new(scene: Path, material: str | None, force: bool) -> None:
 
 @click.command(**SETTINGS, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")
 @click.argument("scene", type=FILE)
-@click.option("--material", metavar="NAME|FILE", shell_complete=_named_materials, help="Of a mesh  [default: grey]")
+@click.option("--material", metavar="NAME|FILE", shell_complete=_named_materials, help="Of a mesh  [default: its own]")
 @click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
 @click.option("--size", type=Size(), metavar="WxH", help="In pixels  [default: the camera's shape]")
 @click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
@@ -127,20 +127,10 @@ def _of_mesh(
 
     import diffshade as ds
 
-    from ..io.meshes import parts_seen
+    from ..exchange.mesh_objects import objects_seen
 
-    found = {"": ds.Material(0.7, 0.7)} if material is None else find_materials(material)
     camera = ds.exchange.frame_mesh(mesh, shape=(size[1], size[0]))
-    parts = parts_seen(mesh, whole=len(found) == 1)
-    of_part = found if len(found) > 1 else dict.fromkeys(parts, next(iter(found.values())))
-    for name in parts:
-        if name not in of_part:
-            if not name:
-                raise ValueError(
-                    f"faces of {mesh} name no material, and {material} has {len(found)}. Name one for each face in "
-                    "the mesh, or give a file of one material."
-                )
-            raise ValueError(f"a face of {mesh} names the material '{name}', which {material} lacks. Add it.")
+    seen = objects_seen(mesh, material)
     towards = np.asarray(camera.target) - np.asarray(camera.eye)
     lights = (ds.DirectionalLight((0.5, -1.0, -1.0)), ds.DirectionalLight(towards, FILL))
     image = np.zeros((size[1], size[0], 3))
@@ -148,8 +138,7 @@ def _of_mesh(
         report_progress("samples", k / samples**2)
         down, across = (0.5 - (i + 0.5) / samples for i in divmod(k, samples))
         moved = dataclasses.replace(camera, principal_point=(size[0] / 2.0 + across, size[1] / 2.0 + down))
-        objects = [ds.Object(seen(moved), of_part[name]) for name, seen in parts.items()]
-        image += np.asarray(ds.render(ds.Scene(objects, lights, ambient=FILL), moved, lit=lit), np.float64)
+        image += np.asarray(ds.render(ds.Scene(seen(moved), lights, ambient=FILL), moved, lit=lit), np.float64)
     return image / samples**2
 
 

@@ -11,4 +11,5 @@ from .material_files import read_material as read_material
 from .material_files import read_materials as read_materials
 from .material_files import write_material as write_material
 from .mesh_files import write_mesh as write_mesh
+from .mesh_objects import read_mesh_objects as read_mesh_objects
 from .rti_folders import write_rti as write_rti

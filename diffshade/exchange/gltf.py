@@ -6,22 +6,29 @@ materials are refitted both ways.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from ..core.fields import in_short
-from ..io.gltf_files import material_names
+from ..core.thresholds import SINGLE, TINY
+from ..io.gltf_files import base_texture, material_names
 from ..io.parsing import short
 from ..model.lobes import Phong
-from ..model.materials import Material
+from ..model.materials import INDEX, Material
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture, place_of
+from .carried_pictures import into_gltf, notes_on_base
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
-from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, surface_of, what_of
-from .readings import Reading, as_number, as_numbers, as_table, load_json, textures_not_read
+from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, metal_of, surface_of, what_of
+from .readings import Reading, as_number, as_numbers, as_table, load_json
 from .reference import differences, radiance, reference_of
 
 PREFIX = "KHR_materials_"
@@ -37,6 +44,7 @@ READ = {
 }
 ROW = ("name", "pbrMetallicRoughness", "emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided")
 PBR = ("baseColorFactor", "metallicFactor", "roughnessFactor")
+WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}  # as OpenGL numbers them
 MAX_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
 
 
@@ -61,16 +69,19 @@ def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
     return best, *differences(target, best.reflected(points))
 
 
-def write_gltf(materials: Mapping[str, Material], lights: Any) -> Draft:
+def write_gltf(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return a glTF file with materials only."""
     drafts, rows, extensions = {}, [], set()
     for name, material in materials.items():
-        row, drafts[name] = _written(name, material, lights)
+        row, draft = _written(name, material, lights)
+        on_base = notes_on_base((bases or {}).get(name), "glTF", turns=True, mirrors=True)
+        drafts[name] = draft._replace(notes=(*draft.notes, *on_base))
         rows.append(row)
         extensions |= set(row["extensions"])
     draft = together(drafts, "")
     asset = {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": draft.notes}}
     document = {"asset": asset, "extensionsUsed": sorted(extensions), "materials": rows}
+    into_gltf(document, bases or {})
     return draft._replace(text=json.dumps(document, indent=2, ensure_ascii=False) + "\n")
 
 
@@ -86,29 +97,61 @@ def _written(name: str, material: Material, lights: Any) -> tuple[dict[str, Any]
     if lights:
         notes += notes_on_lights(lights, "glTF")
         notes.append("KHR_lights_punctual, glTF's lights, has only the falloff 1/d^2.")
-    notes += notes_on_glass(material, "glTF", colour=False, eta=False)
+    base, through, ior = _glass(material, surface)
+    notes += notes_on_glass(material, "glTF without transmission", colour=through > 0, eta=ior > 0)
+    if through > 0:
+        notes.append(
+            "k_t is written as KHR_materials_transmission, which is blurred by the roughness"
+            + (
+                ", and eta as KHR_materials_ior, which bends light only in a volume, which is not written."
+                if ior
+                else "."
+            )
+        )
     notes.append("multiply the intensity of each light by pi: glTF divides the diffuse term by pi.")
     k_e, strength = np.asarray(material.k_e), max(1.0, float(np.max(material.k_e)))
-    specular, alpha = surface.edge, opacity(material)
+    alpha = 1.0 if through else opacity(material)
+    head_on = surface.head_on * (1.0 - (material.k_t if through and material.k_t is not None else 0.0))
+    specular, f0 = min(surface.edge, float(head_on.max())), ((ior - 1.0) / (ior + 1.0)) ** 2 if ior else F0
     extensions: dict[str, Any] = {"KHR_materials_specular": {"specularFactor": specular}}
     if specular > 0:
-        extensions["KHR_materials_specular"]["specularColorFactor"] = [
-            float(f) / specular / F0 for f in surface.head_on
-        ]
+        extensions["KHR_materials_specular"]["specularColorFactor"] = [float(f) / specular / f0 for f in head_on]
+    if through:
+        extensions["KHR_materials_transmission"] = {"transmissionFactor": through}
+    if ior:
+        extensions["KHR_materials_ior"] = {"ior": ior}
     if strength > 1:
         extensions["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
     row = {
         "name": name,
         "pbrMetallicRoughness": {
-            "baseColorFactor": [*map(float, surface.base), alpha],
+            "baseColorFactor": [*map(float, base), alpha],
             "metallicFactor": 0.0,
-            "roughnessFactor": surface.roughness,
+            "roughnessFactor": ROUGHNESS[0] if through and not specular else surface.roughness,
         },
         "emissiveFactor": [float(k) for k in k_e / strength],
         "alphaMode": "BLEND" if alpha < 1 else "OPAQUE",
         "extensions": extensions,
     }
     return row, Draft("", rms, largest, tuple(notes))
+
+
+def _glass(material: Material, surface: MetallicRoughness) -> tuple[Float[np.ndarray, "3"], float, float]:
+    """Return the base colour, KHR_materials_transmission's factor and KHR_materials_ior's index; 0 for none of them.
+
+    That factor t of the base colour c passes and 1 - t is diffused: t c = k_t, and (1 - t) c = (1 - k_t) k_d. This has
+    a solution where t is the same in all colours. What neither bends nor has a colour is alpha, which means k_t.
+    """
+    eta = 0.0 if material.eta is None else float(material.eta)
+    ior = eta if eta > 1 else 0.0
+    if material.k_t is None or not np.any(material.k_t) or not (ior or np.ptp(material.k_t) > 0):
+        return surface.base, 0.0, ior
+    k_t = np.asarray(material.k_t)
+    base = k_t + (1.0 - k_t) * surface.base
+    through = (k_t / np.maximum(base, TINY))[base > 0]
+    if np.ptp(through) > SINGLE:
+        return surface.base, 0.0, 0.0
+    return base, min(float(through.mean()), 1.0), ior
 
 
 def read_gltf(text: str, where: str) -> Reading:
@@ -118,15 +161,13 @@ def read_gltf(text: str, where: str) -> Reading:
     if not isinstance(version, str) or not version.startswith("2"):
         raise ValueError(f"{where} is not glTF 2.0; its asset has the version {short(repr(version))}. Convert it.")
     rows = document.get("materials", [])
-    if not isinstance(rows, list) or not rows:
-        raise ValueError(f"{where} has no materials. Give a glTF file with a list of materials.")
     reading = Reading(where)
-    for name, row in zip(material_names(rows), rows, strict=True):
-        reading.add(name, lambda row=row, name=name: _read(row, name, reading))
+    for name, row in zip(material_names(rows), rows, strict=True) if isinstance(rows, list) else ():
+        reading.add(name, lambda row=row, name=name: _read(row, name, reading, document))
     return reading
 
 
-def _read(row: Any, name: str, reading: Reading) -> Material:
+def _read(row: Any, name: str, reading: Reading, document: dict[str, Any]) -> Material:
     at = reading.at(name)
     row = _table({"material": row}, "material", at)
     more, pbr = _table(row, "extensions", at), _table(row, "pbrMetallicRoughness", at)
@@ -139,15 +180,21 @@ def _read(row: Any, name: str, reading: Reading) -> Material:
     if glossy is not None:
         colour = as_numbers(glossy, "diffuseFactor", (1, 1, 1, 1), 4, at)
     alpha = _alpha(row, float(colour[3]), name, reading)
+    base = _base(row, float(colour[3]), name, reading, document)
+    reading.base[name] = base
     through = as_number(found.get("transmission", {}), "transmissionFactor", 0.0, at, most=1.0)
     if through > 0:
         given["k_t"] = 1.0 - alpha * (1.0 - through * np.minimum(colour[:3], 1.0))
-        given["eta"] = as_number(found.get("ior", {}), "ior", 1.5, at)
+        reading.base[name] = base._replace(fields=("k_d", "k_t"))
         reading.note(name, "transmission is read as k_t, its base colour times its factor, without blur.")
     elif alpha < 1:
         given["k_t"] = 1.0 - alpha
+    ior = as_number(found.get("ior", {}), "ior", 1.5, at)
+    if (through > 0 or "ior" in found) and INDEX["lower"] <= ior <= INDEX["upper"]:
+        given["eta"] = ior
     if "unlit" in found:
         given["k_e"] = colour[:3]  # all else is for programs that do not know the extension
+        reading.base[name] = base._replace(fields=("k_e",))
         return Material(**given)
     coat = found.get("clearcoat", {})
     weight = as_number(coat, "clearcoatFactor", 0.0, at, most=1.0)
@@ -161,12 +208,49 @@ def _read(row: Any, name: str, reading: Reading) -> Material:
         return classic(surface, name, f"specular-glossiness surface of roughness {rough:.3g}", reading, **given)
     metallic = as_number(pbr, "metallicFactor", 1.0, at, most=1.0)
     rough = as_number(pbr, "roughnessFactor", 1.0, at, most=1.0)
-    specular, ior = found.get("specular", {}), as_number(found.get("ior", {}), "ior", 1.5, at)
+    specular = found.get("specular", {})
     f0 = 1.0 if ior == 0 else ((ior - 1.0) / (ior + 1.0)) ** 2  # KHR_materials_ior: 0 stands for no refraction, F = 1
     edge = as_number(specular, "specularFactor", 1.0, at, most=1.0)
     dielectric = np.minimum(f0 * as_numbers(specular, "specularColorFactor", (1, 1, 1), 3, at), 1.0) * edge
     surface = surface_of(colour[:3], metallic, rough, dielectric, edge, coat=weight, coat_roughness=width)
-    return classic(surface, name, what_of(metallic, rough), reading, **given)
+    reading.base[name] = reading.base[name]._replace(metal=metal_of(surface, colour[:3], metallic))
+    if not through:
+        return classic(surface, name, what_of(metallic, rough), reading, **given)
+    left = np.maximum(1.0 - given["k_t"], TINY)  # times (1 - through) base, and times the highlight as it is there
+    surface = surface._replace(base=np.minimum(surface.base * alpha * (1.0 - through) / left, 1.0))
+    found = classic(surface, name, what_of(metallic, rough), reading, **given)
+    shown = np.where(given["k_t"] < 1, 1.0 / left, 1.0)
+    more = tuple(dataclasses.replace(of, k_s=of.k_s * shown) for of in found.highlights)
+    return dataclasses.replace(found, k_s=found.k_s * shown, highlights=more)
+
+
+def _base(row: dict[str, Any], alpha: float, name: str, reading: Reading, document: dict[str, Any]) -> BaseColour:
+    """Return how the file colours the points of a material."""
+    cutoff = as_number(row, "alphaCutoff", 0.5, reading.at(name)) if row.get("alphaMode") == "MASK" else None
+    base = BaseColour(alpha=alpha, cutoff=cutoff, blends=row.get("alphaMode") == "BLEND")
+    if not (texture := as_table(base_texture(row))):
+        return base
+    try:
+        return base._replace(picture=_picture(texture, document, Path(reading.where)))
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError):
+        reading.note(name, "its base colour names no PNG, JPEG or WebP; its colour alone is read.")
+        return base
+
+
+def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) -> ColourPicture:
+    """Return the picture that a texture shows (glTF 2.0, 5.27 and 5.29), placed as KHR_texture_transform says."""
+    of = document["textures"][texture["index"]]
+    index = of.get("extensions", {}).get("EXT_texture_webp", of)["source"]
+    sampler = document["samplers"][of["sampler"]] if "sampler" in of else {}
+    placed = texture.get("extensions", {}).get("KHR_texture_transform", {})
+    (x, y), (wide, high), turn = placed.get("offset", (0, 0)), placed.get("scale", (1, 1)), placed.get("rotation", 0)
+    c, s = np.cos(turn), np.sin(turn)
+    wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
+    place = place_of((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
+    uri = document["images"][index].get("uri", "")
+    return ColourPicture(
+        source, uri if uri.startswith("data:") else unquote(uri), index, wrap, sampler.get("magFilter") == 9728, place
+    )
 
 
 def _alpha(row: dict[str, Any], alpha: float, name: str, reading: Reading) -> float:
@@ -221,5 +305,4 @@ def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
             if isinstance(value, dict) and len(tables) < MAX_TABLES:
                 found += [key] if key.endswith("Texture") else []
                 tables.append(value)
-    if found:
-        reading.note(name, textures_not_read(found))
+    reading.note_maps(name, list(dict.fromkeys(found)), ("baseColorTexture", "diffuseTexture"))

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ..core.fields import check_kind, in_short
-from ..core.words import did_you_mean
+from ..core.words import did_you_mean, listing
 from ..io.files import replacing
 from ..io.parsing import read_glb, read_text, short
 from ..io.scene_files import read_scene
 from ..model.bands import check_rgb
 from ..model.lights import AbstractLight
 from ..model.materials import Material
+from .base_colours import BaseColour
+from .carried_pictures import carried, write_copies
 from .gltf import read_gltf, write_gltf
 from .mtl import read_mtl, write_mtl
 from .opengl import read_opengl, read_opengl_lights, write_opengl
@@ -44,6 +46,7 @@ WRITERS = {
     ".inc": write_povray,
     ".gltf": write_gltf,
 }
+TEXTURED = {".mtl": write_mtl, ".gltf": write_gltf, ".json": write_json}  # those that name pictures
 _LOGGER = logging.getLogger("diffshade")
 
 
@@ -95,11 +98,21 @@ def write_material(
         TypeError: If an argument has another type.
         OSError: If the file cannot be written.
     """
-    path, lights = Path(path), (lights,) if isinstance(lights, AbstractLight) else tuple(lights)
+    named = dict(material) if isinstance(material, Mapping) else {name: material}
+    return write_textured(path, named, {}, (lights,) if isinstance(lights, AbstractLight) else tuple(lights))
+
+
+def write_textured(
+    path: str | Path,
+    named: Mapping[str, Material],
+    bases: Mapping[str, BaseColour],
+    lights: Sequence[AbstractLight] = (),
+) -> Exported:
+    """Write materials as `write_material` does, with the pictures of their base colours where the format names any."""
+    path = Path(path)
     suffix = check_format(path)
     for i, light in enumerate(lights):
         check_kind(f"lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
-    named = dict(material) if isinstance(material, Mapping) else {name: material}
     if not named:
         raise ValueError("a material file needs at least one material; got none. Give a Material.")
     for word, one in named.items():
@@ -107,10 +120,18 @@ def write_material(
             raise ValueError(f"a material's name must be a word; got {in_short(word)}. Give for example 'gold'.")
         check_kind(f"the material {word!r}", one, Material, "Material(k_d=0.7)")
         check_rgb(f"the material {word!r}", one)
-    draft = WRITERS[suffix](named, lights)
+    bases = {name: base for name, base in bases.items() if base.picture is not None and name in named}
+    if suffix in TEXTURED:
+        found = carried(bases, path, packs=suffix != ".mtl")
+        draft, notes = TEXTURED[suffix](named, lights, found.bases), found.notes
+        write_copies(found.copies)
+    else:
+        draft, notes = WRITERS[suffix](named, lights), ()
+        if bases:
+            notes = (f"{listing(list(bases))}: {suffix} names no pictures; the colour of the material is written.",)
     with replacing(path) as temporary:
         temporary.write_text(draft.text, encoding="utf-8")
-    return Exported(path, draft.rms, draft.largest, draft.notes)
+    return Exported(path, draft.rms, draft.largest, (*draft.notes, *notes))
 
 
 def check_format(path: Path, *, also: tuple[str, ...] = ()) -> str:
@@ -137,7 +158,23 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
         ValueError: If the file is malformed, holds several materials and no name is given, or holds none of this name.
         FileNotFoundError: If the file does not exist.
     """
-    reading = _read(Path(path))
+    reading = read_file(Path(path))
+    found = reading.materials
+    chosen = _chosen(path, reading, name)
+    warn(reading, name)
+    return found[chosen]
+
+
+def read_textured(path: str | Path, name: str | None = None) -> tuple[dict[str, Material], dict[str, BaseColour]]:
+    """Return the materials of a file, or the one of a name, and how pictures colour them."""
+    reading = read_file(Path(path))
+    chosen = list(reading.materials) if name is None else [_chosen(path, reading, name)]
+    warn(reading, name, textured=True)
+    return {of: reading.materials[of] for of in chosen}, {of: reading.base[of] for of in chosen if of in reading.base}
+
+
+def _chosen(path: str | Path, reading: Reading, name: str | None) -> str:
+    """Return the name of the one material of a file, or of the one that is asked for."""
     found = reading.materials
     if name is None:
         if len(found) + len(reading.refused) > 1:
@@ -145,14 +182,12 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
                 f"{path} holds {len(found) + len(reading.refused)} materials. Name one, for example "
                 f"name={short(next(iter({**found, **reading.refused})))}."
             )
-        _warn(reading)
-        return next(iter(found.values()))
+        return next(iter(found))
     if name in reading.refused:
         raise ValueError(reading.refused[name])
     if name not in found:
         raise ValueError(f"{path} has no material {in_short(name)}. {did_you_mean(str(name), found)}")
-    _warn(reading, name)
-    return found[name]
+    return name
 
 
 def read_materials(path: str | Path) -> dict[str, Material]:
@@ -176,13 +211,13 @@ def read_materials(path: str | Path) -> dict[str, Material]:
         ValueError: If the suffix is unknown, the file is malformed, or none of its materials can be read.
         FileNotFoundError: If the file does not exist.
     """
-    reading = _read(Path(path))
-    _warn(reading)
+    reading = read_file(Path(path))
+    warn(reading)
     return reading.materials
 
 
-def _read(path: Path) -> Reading:
-    """Read all materials of a file; refuse a file of which none can be read."""
+def read_file(path: Path, *, strict: bool = True) -> Reading:
+    """Read all materials of a file; where `strict`, refuse a file of which none can be read."""
     suffix = path.suffix.lower()
     if suffix == ".toml":
         reading = Reading(f"{path}")
@@ -193,14 +228,18 @@ def _read(path: Path) -> Reading:
         raise ValueError(f"no material can be read from '{path.suffix}'. Use one of {', '.join([*READERS, '.toml'])}.")
     text = read_glb(path)[0] if suffix == ".glb" else read_text(path, "material file")
     reading = READERS[suffix](text, f"{path}")
-    if not reading.materials:
-        raise ValueError(next(iter(reading.refused.values())))
+    if strict and not reading.materials:
+        nothing = f"{path} has no materials. Give a file with a list of materials."
+        raise ValueError(next(iter(reading.refused.values()), nothing))
     return reading
 
 
-def _warn(reading: Reading, name: str | None = None) -> None:
-    """Log what was lost in reading all materials, or one, and which of them could not be read."""
-    for note in reading.notes_on(name):
+def warn(reading: Reading, name: str | None = None, *, textured: bool = False) -> None:
+    """Log what was lost in reading all materials, or one, and which of them could not be read.
+
+    `textured`: the pictures of base colours are not lost.
+    """
+    for note in reading.notes_on(name, textured=textured):
         _LOGGER.warning("%s", note)
     for sentence in reading.refused.values() if name is None else ():
         _LOGGER.warning("%s This material is left out.", sentence)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..core.thresholds import SINGLE
+from ..core.thresholds import SINGLE, TINY
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from .classic_fits import nearest
@@ -85,6 +85,11 @@ def surface_of(
     return MetallicRoughness(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
 
 
+def metal_of(surface: MetallicRoughness, colour: Colour3, metallic: float) -> Colour3:
+    """Return which share of a surface's highlight is that of its metal, and has the base colour."""
+    return np.where(surface.head_on > 0, metallic * colour / np.maximum(surface.head_on, TINY), metallic)
+
+
 def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, **more: Any) -> Material:
     """Return the Phong or Blinn material nearest to a surface, and note the remaining error.
 
@@ -95,6 +100,8 @@ def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, 
         reading: The reading that keeps the note.
         **more: Other fields of the material.
     """
+    if not (np.any(surface.head_on) or surface.edge or surface.coat):  # matte
+        return Material(k_d=surface.base, lobe=Blinn(), **more)
     widths = [surface.roughness] + ([surface.coat_roughness] if surface.coat else [])
     parts = [reference(min(2.0 / max(width, ROUGHNESS[0]) ** 4, N_S_RANGE[1])) for width in widths]
     points = Reference(*(np.concatenate([getattr(of, axis) for of in parts]) for axis in ("n", "l")))

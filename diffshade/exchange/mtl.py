@@ -8,23 +8,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..core.words import listing
-from ..io.parsing import number, numbers, short
+from ..io.parsing import NUMBER, number, numbers, short
 from ..model.lobes import Blinn
 from ..model.materials import INDEX, Material
+from .base_colours import CLAMP, REPEAT, BaseColour, ColourPicture
+from .carried_pictures import notes_on_base, rows_of_mtl
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, together
 from .lobe_refits import with_lobe
-from .metallic_roughness import classic, surface_of, what_of
+from .metallic_roughness import classic, metal_of, surface_of, what_of
 from .names import original, words
-from .readings import Reading, textures_not_read
+from .readings import Reading
 
 MAX_N_S = 1000.0  # as the format has it
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
 MAPS = ("map_", "bump", "disp", "decal", "refl", "norm", "occlusion")
+BASE = ("map_kd", "map_ka")  # those of the base colour, where both are the same
 # What the illumination models do beside the highlight, which is read. 0 to 2 do nothing more.
 ILLUM = {
     3: "mirrors what surrounds it",
@@ -51,16 +55,23 @@ ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
 _COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 
 
-def write_mtl(materials: Mapping[str, Material], lights: Any) -> Draft:
+def write_mtl(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return the text of an MTL file; the error is that of the worst material."""
     named = words(materials)
-    drafts = {name: _written(name, named[name], material, lights) for name, material in materials.items()}
+    drafts = {
+        name: _written(name, named[name], material, lights, (bases or {}).get(name))
+        for name, material in materials.items()
+    }
     return together(drafts, "")
 
 
-def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
+def _written(name: str, word: str, material: Material, lights: Any, base: BaseColour | None) -> Draft:
     refit = with_lobe(material, Blinn(), highest_n_s=MAX_N_S)
-    notes = [*original(name, word), *notes_on_refit(refit)]
+    notes = [
+        *original(name, word),
+        *notes_on_refit(refit),
+        *notes_on_base(base, "MTL", turns=False, mirrors=False, alpha=False),
+    ]
     m, k_t = refit.material, np.zeros(3) if material.k_t is None else np.asarray(material.k_t)
     if any(np.max(np.asarray(k)) > 1 for k in (m.k_a, m.k_d, m.k_s)):
         notes.append("coefficients above 1 are written unchanged; many programs clamp them to 1.")
@@ -72,6 +83,7 @@ def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
     if m.eta is not None:
         rows["Ni"] = plain(m.eta, " ")
     rows["illum"] = "9" if most == 1 else "2" if np.any(m.k_s) else "1"  # d 0 is read as a slip of an opaque illum
+    rows |= rows_of_mtl(base)
     text = comment(notes, "#") + f"newmtl {word}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
     return Draft(text, refit.rms, refit.largest, (*notes_on_lights(lights, "MTL"), *notes))
 
@@ -136,6 +148,9 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
         reading.note(name, f"Ns {n_s:g} is below 0; it is read as 0, as programs clamp it.")
     illum = _illum(rows, one, name, reading)
     glass = _glass(rows, one, colour, illum, name, reading)
+    picture, of_ambient = (_picture(rows, name, reading, key) for key in BASE)
+    fields = ("k_d", "k_a") if picture is not None and picture == of_ambient else ("k_d",)
+    reading.base[name] = base = BaseColour(picture, ("k_e",) if illum == 0 else fields)
     given: dict[str, Any] = {field: colour(key, 0.0) for key, field in COLOURS.items()}
     if "Kd" not in rows:
         given["k_d"] = [_without_colour(rows, name, reading)] * 3
@@ -149,6 +164,7 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
             if not 0 <= value <= 1:
                 raise ValueError(f"{where}: {key} must be 0 to 1; got {value:g}. Correct the file.")
         surface = surface_of(np.asarray(given["k_d"]), metallic, roughness, **coat)
+        reading.base[name] = base._replace(metal=metal_of(surface, np.asarray(given["k_d"]), metallic))
         more = {"k_a": given["k_a"], "k_e": given["k_e"], **glass}
         return classic(surface, name, what_of(metallic, roughness), reading, **more)
     if illum == 1:
@@ -156,6 +172,27 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
             reading.note(name, "illum 1 has no highlight; Ks is not read.")
         given["k_s"] = 0.0
     return Material(**given, n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
+
+
+def _picture(rows: Mapping[str, list[str]], name: str, reading: Reading, key: str) -> ColourPicture | None:
+    """Return the picture of a map, placed as its options -s and -o say; others are not read."""
+    words = next((list(row) for given, row in rows.items() if given.lower() == key), [])
+    scale, off, clamps = [1.0, 1.0], [0.0, 0.0], False
+    while words and words[0].startswith("-"):
+        option, most = words.pop(0).lower(), {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
+        values = []
+        while words and len(values) < most.get(option, 1) and (NUMBER.fullmatch(words[0]) or option not in most):
+            values.append(words.pop(0))
+        if option in ("-s", "-o"):
+            found = scale if option == "-s" else off
+            found[: len(values[:2])] = numbers(values[:2], f"{reading.at(name)}: {option} of {key}")
+        clamps |= option == "-clamp" and values == ["on"]
+    if not words:
+        return None
+    place = ((scale[0], 0.0, off[0]), (0.0, scale[1], 1.0 - scale[1] - off[1]))  # v of an OBJ is up
+    return ColourPicture(
+        Path(reading.where), " ".join(words), wrap=(CLAMP, CLAMP) if clamps else (REPEAT, REPEAT), place=place
+    )
 
 
 def _without_colour(rows: Mapping[str, list[str]], name: str, reading: Reading) -> float:
@@ -219,7 +256,8 @@ def _note_the_rest(rows: Mapping[str, list[str]], name: str, reading: Reading) -
     """Note the keys that are not read."""
     maps = [key for key in rows if key.lower().startswith(MAPS)]
     if maps:
-        reading.note(name, textures_not_read(maps))
+        of = {key.lower(): rows[key] for key in maps}
+        reading.note_maps(name, maps, [key for key in maps if key.lower() in BASE and rows[key] == of.get("map_kd")])
     for key, meaning in UNUSED.items():
         if set("".join(rows.get(key, []))) - set("0.+-"):
             reading.note(name, f"{key}, {meaning}, is not modelled.")

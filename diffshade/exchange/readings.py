@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ..core.words import MAX_NAMED, listing
 from ..io.parsing import short
 from ..model.materials import Material
+from .base_colours import BaseColour
 
 
 class Reading:
@@ -24,7 +25,10 @@ class Reading:
         self.materials: dict[str, Material] = {}
         self.refused: dict[str, str] = {}
         """Why a material could not be read, by its name."""
+        self.base: dict[str, BaseColour] = {}
+        """How the points of a material are coloured, by its name, where more than the material says it."""
         self._notes: dict[str, list[str]] = {}
+        self._maps: dict[str, tuple[list[str], Collection[str]]] = {}
 
     def add(self, name: str, read: Callable[[], Material]) -> None:
         """Read a material, or keep the sentence that says why it cannot be read."""
@@ -42,10 +46,21 @@ class Reading:
         """Keep a sentence about a material; the same sentence about several is said once."""
         self._notes.setdefault(sentence, []).append(name)
 
-    def notes_on(self, name: str | None = None) -> Iterator[str]:
-        """Yield what was lost or translated, in one line each: of all materials, or of one."""
+    def note_maps(self, name: str, maps: list[str], own: Collection[str]) -> None:
+        """Keep the names of a material's texture maps, of which `own` may be those of its base colour."""
+        self._maps[name] = maps, own
+
+    def notes_on(self, name: str | None = None, *, textured: bool = False) -> Iterator[str]:
+        """Yield what was lost or translated, in one line each: of all materials, or of one.
+
+        `textured`: the pictures of base colours are not lost.
+        """
         several = len(self.materials) + len(self.refused) > 1
-        for sentence, names in self._notes.items():
+        notes = {sentence: [*names] for sentence, names in self._notes.items()}
+        for of, (maps, own) in self._maps.items():
+            if lost := [key for key in maps if not (textured and key in own)]:
+                notes.setdefault(textures_not_read(lost, textured=textured), []).append(of)
+        for sentence, names in notes.items():
             names = list(dict.fromkeys(of for of in names if of))
             if names and name not in (None, *names):
                 continue
@@ -83,11 +98,12 @@ def read_declared(
     return reading
 
 
-def textures_not_read(names: Sequence[str]) -> str:
-    """Return the note on texture maps, which are never opened."""
+def textures_not_read(names: Sequence[str], *, textured: bool) -> str:
+    """Return the note on texture maps, which are never opened to read a material."""
     names = list(dict.fromkeys(names))
     more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    return f"texture maps are not read, only colours: {', '.join(short(name) for name in names[:8])}{more}."
+    only = "those of the base colour" if textured else "colours"
+    return f"texture maps are not read, only {only}: {', '.join(short(name) for name in names[:8])}{more}."
 
 
 def load_json(text: str, where: str) -> Any:

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..model.materials import Material
+from .base_colours import BaseColour
+from .carried_pictures import into_three, notes_on_base
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated, together
 from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, check_plain, is_matte, named
@@ -67,11 +69,13 @@ def _fitted(material: Material, lights: Any, *, bytes_: bool) -> tuple[dict[str,
     return settings | {"opacity": opacity(material)}, Draft("", rms, largest, tuple(notes))
 
 
-def write_json(materials: Mapping[str, Material], lights: Any) -> Draft:
+def write_json(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return the JSON of one material that THREE.MaterialLoader reads, or of several as in a scene's JSON."""
     drafts, tables = {}, []
     for name, material in materials.items():
-        settings, drafts[name] = _fitted(material, lights, bytes_=True)
+        settings, draft = _fitted(material, lights, bytes_=True)
+        on_base = notes_on_base((bases or {}).get(name), settings["type"], turns=False, mirrors=True)
+        drafts[name] = draft._replace(notes=(*draft.notes, *on_base))
         colours, strength = settings["colours"], settings["strength"]
         table = {
             "uuid": name,
@@ -87,9 +91,11 @@ def write_json(materials: Mapping[str, Material], lights: Any) -> Draft:
             "userData": {"diffshade": drafts[name].notes},
         }
         tables.append(table)
+    pictures = into_three(tables, bases or {})
     several = {"metadata": {"version": 4.6, "type": "Object", "generator": "diffshade"}, "materials": tables}
+    several |= pictures
     several["object"] = {"uuid": "diffshade", "type": "Group"}
-    single = {"metadata": {"version": 4.6, "type": "Material", "generator": "diffshade"}, **tables[0]}
+    single = {"metadata": {"version": 4.6, "type": "Material", "generator": "diffshade"}, **tables[0], **pictures}
     draft = together(drafts, "")
     if len(tables) > 1:
         more = "load them with new THREE.ObjectLoader().parseMaterials(json.materials, {})."

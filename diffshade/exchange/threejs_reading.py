@@ -7,7 +7,8 @@ MeshStandardMaterial and MeshPhysicalMaterial are refitted. Numbers and words of
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,13 @@ from jaxtyping import Float
 from ..io.parsing import short
 from ..model.lobes import Blinn
 from ..model.materials import Material
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture, place_of
 from .exports import stated
 from .hex_colours import from_hex
 from .javascript import Expression, created
 from .lobe_refits import N_S_RANGE, Shape
-from .metallic_roughness import classic, surface_of, what_of
-from .readings import Reading, as_number, load_json, textures_not_read
+from .metallic_roughness import classic, metal_of, surface_of, what_of
+from .readings import Reading, as_number, as_table, load_json
 from .reference import differences, reference
 from .threejs import fresnel, highlights
 
@@ -32,6 +34,8 @@ KINDS = (
     "MeshLambertMaterial",
     "MeshBasicMaterial",
 )
+WRAPS = {1000: REPEAT, 1001: CLAMP, 1002: MIRROR}  # as three.js numbers them
+_PLACED = {"wrap": 1001, "offset": 0, "repeat": 1}  # and what each of the two numbers is where it is left out
 _WORD = re.compile(r"(?:#|0[xX])([0-9a-fA-F]{6}|[0-9a-fA-F]{3})", re.ASCII)
 # What the reading uses; what a program keeps for itself; and what has an effect unless it has this value.
 _READ = re.compile(
@@ -56,12 +60,36 @@ _NEUTRAL: dict[str, tuple[Any, ...]] = {
 
 def read_json(text: str, where: str) -> Reading:
     """Read all materials in the JSON of a material, an object, a scene or the editor."""
-    reading = Reading(where)
-    for key, table in _materials_in(load_json(text, where)):
-        _add(reading, table.get("name") or key or table.get("uuid"), str(table.get("type", "")), table)
+    reading, document = Reading(where), load_json(text, where)
+    pictures = _pictures(document, Path(where))
+    for key, table in _materials_in(document):
+        _add(reading, table.get("name") or key or table.get("uuid"), str(table.get("type", "")), table, pictures)
     if not reading.materials and not reading.refused:
         raise ValueError(f"{where} holds no material of three.js. Give the JSON of its toJSON().")
     return reading
+
+
+def _pictures(document: Any, source: Path) -> dict[str, ColourPicture]:
+    """Return the pictures of the textures of a material, an object or a scene of the editor, by their uuid."""
+    found = {}
+    for table in (as_table(document), as_table(as_table(document).get("scene"))):
+        urls = {f"{of.get('uuid')}": of.get("url") for of in _tables(table, "images")}
+        for of in _tables(table, "textures"):
+            try:
+                (u, v), (x, y), (wide, high) = (of.get(key, (usual,) * 2) for key, usual in _PLACED.items())
+                wrap, place = (WRAPS[u], WRAPS[v]), place_of((wide, 0.0, x), (0.0, high, 1.0 - high - y))  # v is up
+                uri, nearest = urls[of["image"]], of.get("magFilter") == 1003
+                if isinstance(uri, str):
+                    found[str(of["uuid"])] = ColourPicture(source, uri, wrap=wrap, nearest=nearest, place=place)
+            except (KeyError, TypeError, ValueError):
+                continue
+    return found
+
+
+def _tables(table: dict[str, Any], key: str) -> list[dict[str, Any]]:
+    """Return the tables of a list in a table."""
+    rows = table.get(key)
+    return [as_table(of) for of in rows] if isinstance(rows, list) else []
 
 
 def _materials_in(document: Any) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -98,10 +126,20 @@ def read_js(text: str, where: str) -> Reading:
     return reading
 
 
-def _add(reading: Reading, name: Any, kind: str, settings: dict[str, Any]) -> None:
+def _add(
+    reading: Reading,
+    name: Any,
+    kind: str,
+    settings: dict[str, Any],
+    pictures: Mapping[str, ColourPicture] | None = None,
+) -> None:
     name = name if isinstance(name, str) and name and not isinstance(name, Expression) else "material"
     name = reading.unused(name)
     reading.add(name, lambda: _read(kind, settings, name, reading))
+    picture = (pictures or {}).get(str(settings.get("map")))
+    fields = ("k_e",) if kind == "MeshBasicMaterial" else ("k_d",)
+    reading.base.setdefault(name, BaseColour())
+    reading.base[name] = reading.base[name]._replace(picture=picture, fields=fields)
 
 
 def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> Material:
@@ -134,13 +172,9 @@ def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> M
         return _phong(base, colour("specular", 0x111111), one("shininess", 30.0), name, reading, given)
     roughness, metalness = one("roughness", 1.0, 1.0), one("metalness", 0.0, 1.0)
     if kind == "MeshStandardMaterial":
-        return classic(
-            surface_of(base, metalness, roughness, grazing=fresnel),
-            name,
-            what_of(metalness, roughness),
-            reading,
-            **given,
-        )
+        surface = surface_of(base, metalness, roughness, grazing=fresnel)
+        reading.base[name] = BaseColour(metal=metal_of(surface, base, metalness))
+        return classic(surface, name, what_of(metalness, roughness), reading, **given)
     reflectivity = one("reflectivity", 0.5, 1.0)  # by which three.js's own JSON gives the index of refraction
     ior = one("ior", (1.0 + 0.4 * reflectivity) / (1.0 - 0.4 * reflectivity))
     edge = one("specularIntensity", 1.0, 1.0)
@@ -151,6 +185,7 @@ def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> M
         given |= {"k_t": 1.0 - alpha * (1.0 - through * base), "eta": ior}
         reading.note(name, "transmission is read as k_t, its colour times its factor, without blur.")
     surface = surface_of(base, metalness, roughness, dielectric, edge, grazing=fresnel, **coat)
+    reading.base[name] = BaseColour(metal=metal_of(surface, base, metalness))
     return classic(surface, name, what_of(metalness, roughness), reading, **given)
 
 
@@ -180,7 +215,7 @@ def _note_the_rest(settings: dict[str, Any], name: str, reading: Reading) -> Non
     ]
     maps = [key for key in rest if key == "map" or key.endswith("Map") or key == "matcap"]
     if maps:
-        reading.note(name, textures_not_read(maps))
+        reading.note_maps(name, maps, ("map",))
     others = [key for key in rest if key not in maps and settings[key] not in _NEUTRAL.get(key, ())]
     if others:
         more = f" and {len(others) - 8} more" if len(others) > 8 else ""

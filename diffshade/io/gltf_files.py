@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote_to_bytes
@@ -15,7 +16,7 @@ from jaxtyping import Float, Int
 
 from ..core.words import count as counted
 from .parsing import read_glb
-from .polygons import NONE, Polygons, indexed, joined, stated
+from .polygons import BARE, NONE, Polygons, indexed, joined, stated
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -41,27 +42,13 @@ def read_gltf(path: Path) -> Polygons:
     Raises:
         ValueError: The file is not glTF 2.0, or needs an extension that is not read.
     """
-    data, binary = path.read_bytes(), b""
-    if data[:4] == b"glTF":
-        text, rest = read_glb(path, largest=math.inf)
-        data, part = text.encode(), data[rest:]
-        if part[4:8] == b"BIN\0":
-            binary = part[8 : 8 + int.from_bytes(part[:4], "little")]
-    try:
-        document = _document(data, binary, path.parent)
+    with _read_strictly(path) as document:
         names, meshes = material_names(document.json.get("materials", [])), document.json.get("meshes", [])
         scene = [(matrix, node, meshes[node["mesh"]]) for matrix, node in _placed(document.json)]
         found = [_primitive(document, of, matrix, names) for matrix, _, mesh in scene for of in mesh["primitives"]]
         skins = sum("skin" in node for _, node, _ in scene)
         morphs = sum(any(node.get("weights", mesh.get("weights", ()))) for _, node, mesh in scene)
         whole = joined(found)
-    except (AttributeError, IndexError, KeyError, TypeError, RecursionError, OverflowError) as error:
-        said = f" ({error})" if isinstance(error, KeyError) else ""
-        raise ValueError(
-            f"{path} is not glTF 2.0: something is missing or of another type{said}. Export it again."
-        ) from None
-    except ValueError as error:
-        raise ValueError(f"{path} cannot be read as glTF 2.0: {error}"[:2000].replace("\n", " ")) from None
     return whole._replace(
         notes=tuple(
             f"{counted(number, kind)} {'is' if number == 1 else 'are'} not applied; "
@@ -70,6 +57,55 @@ def read_gltf(path: Path) -> Polygons:
             if number
         )
     )
+
+
+@contextmanager
+def _read_strictly(path: Path) -> Iterator[Document]:
+    """Give what a file holds; what is raised with it becomes one sentence."""
+    data, binary = path.read_bytes(), b""
+    if data[:4] == b"glTF":
+        text, rest = read_glb(path, largest=math.inf)
+        data, part = text.encode(), data[rest:]
+        if part[4:8] == b"BIN\0":
+            binary = part[8 : 8 + int.from_bytes(part[:4], "little")]
+    try:
+        yield _document(data, binary, path.parent)
+    except (AttributeError, IndexError, KeyError, TypeError, RecursionError, OverflowError) as error:
+        said = f" ({error})" if isinstance(error, KeyError) else ""
+        raise ValueError(
+            f"{path} is not glTF 2.0: something is missing or of another type{said}. Export it again."
+        ) from None
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be read as glTF 2.0: {error}"[:2000].replace("\n", " ")) from None
+
+
+def picture_bytes(path: Path, index: int) -> bytes:
+    """Return the bytes of a picture of a glTF file: packed in it, or of a file in its own folder.
+
+    Raises:
+        ValueError: There is no such picture.
+    """
+    with _read_strictly(path) as document:
+        row = document.json["images"][index]
+        if "uri" in row:
+            return _named_bytes(row["uri"], path.parent, "picture")
+        view = document.json["bufferViews"][row["bufferView"]]
+        start, data = view.get("byteOffset", 0), document.buffers[view["buffer"]]
+        return data[max(start, 0) : max(start, 0) + view["byteLength"]]
+
+
+def base_texture(row: dict[str, Any]) -> dict[str, Any]:
+    """Return the texture of a material's base colour, an empty table where it has none."""
+    glossy = row.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+    if glossy is not None:
+        return glossy.get("diffuseTexture", {})
+    return row.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
+
+
+def texture_set(texture: dict[str, Any]) -> int:
+    """Return which texture coordinates of a mesh a texture is placed by (KHR_texture_transform may say others)."""
+    placed = texture.get("extensions", {}).get("KHR_texture_transform", {})
+    return placed.get("texCoord", texture.get("texCoord", 0))
 
 
 def material_names(materials: Sequence[Any]) -> list[str]:
@@ -95,23 +131,36 @@ def _document(data: bytes, binary: bytes, folder: Path) -> Document:
             raise ValueError(f"it needs the extension {str(name)[:60]}, which is not read. Export it without.")
     buffers = []
     for row in found.get("buffers", []):
-        of = binary if "uri" not in row else _at(row["uri"], folder)
+        of = binary if "uri" not in row else _named_bytes(row["uri"], folder, "buffer")
         if len(of) < row["byteLength"]:
             raise ValueError(f"a buffer has {len(of)} of its {row['byteLength']} bytes. Export it again.")
         buffers.append(of)
     return Document(found, buffers)
 
 
-def _at(uri: str, folder: Path) -> bytes:
-    """Return the bytes of a buffer: those in its name, or of a file in the folder."""
-    if uri.startswith("data:"):
-        kind, _, text = uri.partition(",")
-        return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
-    name = unquote_to_bytes(uri).decode()
-    path = (folder / name).resolve()
+def data_bytes(uri: str) -> bytes:
+    """Return the bytes that a name of data: holds."""
+    kind, _, text = uri.partition(",")
+    return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
+
+
+def beside(name: str, folder: Path, noun: str) -> Path:
+    """Return a file in a folder or below it.
+
+    Raises:
+        ValueError: There is no such file.
+    """
+    path = (folder / name).resolve() if "\0" not in name else folder
     if not path.is_relative_to(folder.resolve()) or not path.is_file():
-        raise ValueError(f"there is no buffer {name[:80]!r} in its folder. Put it beside the file.")
-    return path.read_bytes()
+        raise ValueError(f"there is no {noun} {name[:80]!r} in its folder. Put it beside the file.")
+    return path
+
+
+def _named_bytes(uri: str, folder: Path, noun: str) -> bytes:
+    """Return the bytes of a buffer or picture: those in its name, or of a file in the folder."""
+    if uri.startswith("data:"):
+        return data_bytes(uri)
+    return beside(unquote_to_bytes(uri).decode(), folder, noun).read_bytes()
 
 
 def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], dict[str, Any]]]:
@@ -165,7 +214,23 @@ def _primitive(document: Document, of: dict[str, Any], matrix: Float[np.ndarray,
     at = (face[:, ::-1] if mirrored else face).ravel()
     group, name = NONE if given is None else 0, names[of["material"]] if "material" in of else ""
     point, normal = point @ linear.T + matrix[:3, 3], normal @ cofactors.T
-    return indexed(point, normal, np.full(len(face), 3), at, "a primitive", group=group, name=name)
+    look = _looks(document, of, len(point))
+    return indexed(point, normal, np.full(len(face), 3), at, "a primitive", group=group, name=name, look=look)
+
+
+def _looks(document: Document, of: dict[str, Any], count: int) -> Float[np.ndarray, "points 6"] | None:
+    """Return where the vertices of a primitive are in its base colour's picture, and their colours."""
+    material = document.json["materials"][of["material"]] if "material" in of else {}
+    at, colour = f"TEXCOORD_{texture_set(base_texture(material))}", "COLOR_0"
+    if not of["attributes"].keys() & {at, colour}:
+        return None
+    look = np.tile(BARE, (count, 1))
+    if at in of["attributes"]:
+        look[:, :2] = _accessor(document, of["attributes"][at])
+    if colour in of["attributes"]:
+        given = _accessor(document, of["attributes"][colour])
+        look[:, 2 : 2 + given.shape[1]] = given
+    return look
 
 
 def _triangles(index: Int[np.ndarray, " n"], mode: int) -> Int[np.ndarray, "t 3"]:

@@ -33,6 +33,8 @@ class MeshSurface(NamedTuple):
     """Of the materials that parts name."""
     notes: tuple[str, ...]
     """What is not as the file says, in a sentence each."""
+    look: Float[np.ndarray, "t 3 6"] | None
+    """Texture coordinates and colour at the corners, as `Polygons` have them."""
 
     @property
     def centre(self) -> Float[np.ndarray, "3"]:
@@ -76,8 +78,11 @@ def read_surface(path: str | Path) -> MeshSurface:
     )
     point = faces.point[faces.at[corner]]
     turned = wound_against(point, normal)[:, None, None]
-    point, normal = (np.where(turned, of[:, ::-1], of) for of in (point, normal))
-    return MeshSurface(point, normal, faces.part[face], faces.names, notes)
+    look = None if faces.look is None else faces.look[corner]
+    point, normal, look = (None if of is None else np.where(turned, of[:, ::-1], of) for of in (point, normal, look))
+    assert point is not None
+    assert normal is not None
+    return MeshSurface(point, normal, faces.part[face], faces.names, notes, look)
 
 
 def _of_trimesh(path: Path) -> Polygons:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import overload
+from typing import NamedTuple, overload
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..core.backend import in_float64
 from ..core.fields import Array, check_kind
@@ -18,7 +18,8 @@ from ..model.gbuffers import GBuffer
 from ..model.meshes import Mesh
 from ..model.rendering import pixel_rays
 from .mesh_reading import MeshSurface, read_surface
-from .triangles import Triangles, tracer
+from .polygons import BARE
+from .triangles import Hits, Triangles, tracer
 from .vertex_normals import unit
 
 _LOGGER = logging.getLogger("diffshade")
@@ -63,7 +64,7 @@ def read_mesh(path: str | Path, camera: AbstractCamera | None, *, smooth: bool =
     """
     if camera is not None:
         check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
-        return _seen(_surface(path), smooth)(camera)
+        return _seen(_surface(path), smooth)(camera).buffer
     found = _surface(path)
     corners = found.corner.reshape(-1, 3)
     normals = found.normal.reshape(-1, 3) if smooth else None
@@ -91,19 +92,38 @@ def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuff
         TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
-    return {name: seen(camera) for name, seen in parts_seen(path).items()}
+    return {name: seen(camera).buffer for name, seen in parts_seen(path).items()}
 
 
-def parts_seen(path: str | Path, *, whole: bool = False) -> dict[str, Callable[[AbstractCamera], GBuffer]]:
-    """Return what shows each part of a mesh to any camera, or all as one part, the file being read once."""
-    found = _surface(path)
+class SeenPart(NamedTuple):
+    """What a camera sees of a part of a mesh, and the looks of its points, as `Polygons` have them."""
+
+    buffer: GBuffer
+    look: Float[np.ndarray, "h w 6"] | None
+
+
+Shows = Callable[[Float[np.ndarray, "points 6"]], Bool[np.ndarray, " points"]]
+"""Which points of a part are there, by their looks."""
+
+
+def parts_seen(
+    path: str | Path, *, whole: bool = False, shows: Mapping[str, Shows] | None = None
+) -> dict[str, Callable[[AbstractCamera], SeenPart]]:
+    """Return what shows each part of a mesh to any camera, or all as one part, the file being read once.
+
+    `shows`: of the parts by these names, which points are there; rays go on through the others.
+    """
+    found, shows = _surface(path), shows or {}
     if whole:
-        return {"": _seen(found, True)}
+        return {"": _seen(found, True, shows.get(""))}
     of_part = [found.part == i for i in range(len(found.names))]
+
+    def part(of: Bool[np.ndarray, " t"]) -> MeshSurface:
+        look = None if found.look is None else found.look[of]
+        return found._replace(corner=found.corner[of], normal=found.normal[of], look=look)
+
     return {
-        name: _seen(found._replace(corner=found.corner[of], normal=found.normal[of]), True)
-        for name, of in zip(found.names, of_part, strict=True)
-        if of.any()
+        name: _seen(part(of), True, shows.get(name)) for name, of in zip(found.names, of_part, strict=True) if of.any()
     }
 
 
@@ -139,16 +159,24 @@ def _surface(path: str | Path) -> MeshSurface:
     return found
 
 
-def _seen(surface: MeshSurface, smooth: bool) -> Callable[[AbstractCamera], GBuffer]:
+def _seen(surface: MeshSurface, smooth: bool, shows: Shows | None = None) -> Callable[[AbstractCamera], SeenPart]:
     """Return what gives the nearest points of a mesh to a camera, and their normals, on the viewer's side."""
     centre = surface.centre
     corner = surface.corner - centre  # which Embree rounds to float32
-    hits_of = tracer(Triangles(corner.reshape(-1, 3), np.arange(3 * len(corner)).reshape(-1, 3)))
+    hits_of = tracer(Triangles(corner.reshape(-1, 3), np.arange(3 * len(corner)).reshape(-1, 3)), every=bool(shows))
+    looks = np.broadcast_to(BARE, corner.shape[:2] + BARE.shape) if surface.look is None else surface.look
 
-    def seen_by(camera: AbstractCamera) -> GBuffer:
+    def seen_by(camera: AbstractCamera) -> SeenPart:
         with in_float64(camera) as camera:
             start, toward = (np.asarray(a) for a in _rays(camera))
         hits = hits_of(start - centre, toward)
+        look = None
+        if surface.look is not None or shows is not None:
+            look = np.einsum("rc,rcx->rx", hits.weight, looks[hits.face])
+        if look is not None and shows is not None:
+            there = np.flatnonzero(shows(look))
+            there = there[np.unique(hits.ray[there], return_index=True)[1]]  # of each ray the first
+            hits, look = Hits(*(of[there] for of in hits)), look[there]
         a, b, c = np.moveaxis(corner[hits.face], 1, 0)
         flat = n = unit(np.cross(b - a, c - a))
         if smooth:
@@ -160,7 +188,12 @@ def _seen(surface: MeshSurface, smooth: bool) -> Callable[[AbstractCamera], GBuf
         mask = np.zeros(len(start), bool)
         mask[hits.ray] = True
         shape = camera.shape
-        return GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape))
+        of_pixels = None
+        if look is not None:
+            of_pixels = np.tile(BARE, (len(start), 1))
+            of_pixels[hits.ray] = look
+            of_pixels = of_pixels.reshape(*shape, -1)
+        return SeenPart(GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape)), of_pixels)
 
     return seen_by
 

@@ -7,9 +7,10 @@ import re
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from .parsing import number, read_text, short
-from .polygons import NONE, Polygons, check_corners, stated
+from .polygons import BARE, NONE, Polygons, check_corners, stated
 
 COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 NOT_FINITE = re.compile(r"[+-]?(?:nan|inf)", re.IGNORECASE)
@@ -19,16 +20,18 @@ CONTINUED = re.compile(r"\\[ \t]*(?:\r\n|\r|\n)")
 
 
 def read_obj(path: Path) -> Polygons:
-    """Read the faces of an OBJ file. Texture coordinates, curves, lines and points are not read, nor any other file.
+    """Read the faces of an OBJ file. Curves, lines and points are not read, nor any other file.
 
     Raises:
         ValueError: The file is no text, or a line that says where a face is cannot be read.
     """
     points: list[list[float]] = []
     normals: list[list[float]] = []
+    places: list[list[float]] = []
     size: list[int] = []
     at: list[int] = []
     of_normal: list[int] = []
+    of_place: list[int] = []
     groups: list[int] = []
     parts: list[int] = []
     names: dict[str, int] = {}
@@ -41,12 +44,16 @@ def read_obj(path: Path) -> Polygons:
             if len(words) < 3:
                 raise ValueError(f"{path}: {short(line)} must have three numbers. Export the file again.")
             (points if key == "v" else normals).append([_coordinate(word, f"{path}: {key}") for word in words[:3]])
+        elif key == "vt":
+            places.append([_coordinate(word, f"{path}: vt") for word in [*words, "0", "0"][:2]])
         elif key in ("f", "fo"):  # as the format was at first
             for word in words:
                 index = word.split("/")
                 at.append(_index(index[0], len(points), line, path))
                 given = len(index) > 2 and index[2]
                 of_normal.append(_index(index[2], len(normals), line, path) if given else NONE)
+                given = len(index) > 1 and index[1]
+                of_place.append(_index(index[1], len(places), line, path) if given else NONE)
             size.append(len(words))
             groups.append(group)
             parts.append(names.setdefault(name, len(names)))
@@ -67,7 +74,17 @@ def read_obj(path: Path) -> Polygons:
         np.array(groups, int),
         np.array(parts, int),
         tuple(names) or ("",),
+        look=_looks(places, of_place) if places else None,
     )
+
+
+def _looks(places: list[list[float]], of_place: list[int]) -> Float[np.ndarray, "corners 6"]:
+    """Return the look of each corner, by the place in the picture that it names."""
+    look = np.tile(BARE, (len(of_place), 1))
+    at = np.array(of_place, int)
+    named = (at >= 0) & (at < len(places))
+    look[named, :2] = np.array(places)[at[named]] * (1.0, -1.0) + (0.0, 1.0)  # v of an OBJ is up
+    return look
 
 
 def _coordinate(word: str, where: str) -> float:

@@ -9,6 +9,8 @@ from jaxtyping import Float, Int, Num
 
 NONE = -1
 """The group of faces that share their normals with no other."""
+BARE = np.array(["nan", "nan", "1", "1", "1", "1"], float)
+"""The look of a corner of which a file says nothing: no texture coordinates, and white."""
 
 
 class Polygons(NamedTuple):
@@ -28,6 +30,14 @@ class Polygons(NamedTuple):
     names: tuple[str, ...] = ("",)
     notes: tuple[str, ...] = ()
     """What of the file is not followed, in a sentence each."""
+    look: Float[np.ndarray, "corners 6"] | None = None
+    """Texture coordinates, v down from the top of the picture, and the linear colour with alpha of the vertex; None
+    where the file has neither."""
+
+    @property
+    def looks(self) -> Float[np.ndarray, "corners 6"]:
+        """The look of every corner."""
+        return np.tile(BARE, (len(self.at), 1)) if self.look is None else self.look
 
     @property
     def first(self) -> Int[np.ndarray, " faces"]:
@@ -43,7 +53,9 @@ class Polygons(NamedTuple):
         """Return the faces that have three corners or more."""
         kept = self.size >= 3
         corners, faces = kept[self.face], (self.group[kept], self.part[kept])
-        return Polygons(self.point, self.size[kept], self.at[corners], self.normal[corners], *faces, self.names)
+        look = None if self.look is None else self.look[corners]
+        of_corners = self.at[corners], self.normal[corners]
+        return Polygons(self.point, self.size[kept], *of_corners, *faces, self.names, look=look)
 
     def areas(self) -> Float[np.ndarray, "faces 3"]:
         """Return twice the area of each face, along its normal (Newell's sum of cross products)."""
@@ -69,11 +81,12 @@ def indexed(
     *,
     group: int = 0,
     name: str = "",
+    look: Float[np.ndarray, "points 6"] | None = None,
 ) -> Polygons:
-    """Return faces of one group and material whose corners have the normals of their vertices; `what` has them."""
+    """Return faces of one group and material whose corners have what their vertices have; `what` has them."""
     check_corners(at, len(point), what)
     at, none = at.astype(int), np.zeros(len(size), int)
-    return Polygons(point, size, at, normal[at], none + group, none, (name,))
+    return Polygons(point, size, at, normal[at], none + group, none, (name,), look=None if look is None else look[at])
 
 
 def stated(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -94,6 +107,7 @@ def joined(found: list[Polygons]) -> Polygons:
         np.concatenate([np.zeros(0, int), *(one.group for one in found)]),
         np.concatenate([np.zeros(0, int), *parts]),
         names,
+        look=np.concatenate([one.looks for one in found]) if any(one.look is not None for one in found) else None,
     )
 
 

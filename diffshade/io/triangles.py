@@ -81,8 +81,10 @@ def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
     return tracer(mesh)(start, toward)
 
 
-def tracer(mesh: Triangles) -> Callable[[Points, Points], Hits]:
+def tracer(mesh: Triangles, *, every: bool = False) -> Callable[[Points, Points], Hits]:
     """Return what tells where rays, of these origins and directions, first meet a mesh, by Embree in float32.
+
+    `every`: where they meet it at all, the nearer points of a ray before those behind them, up to 100 of a ray.
 
     Raises:
         ImportError: trimesh or embreex is not installed.
@@ -94,7 +96,7 @@ def tracer(mesh: Triangles) -> Callable[[Points, Points], Hits]:
     tree = RayMeshIntersector(whole)
 
     def hits(start: Points, toward: Points) -> Hits:
-        found: Any = tree.intersects_id(start, toward, return_locations=True, multiple_hits=False)
+        found: Any = tree.intersects_id(start, toward, return_locations=True, multiple_hits=every)
         face, ray, point = (np.asarray(of) for of in found)
         return Hits(ray, face, trimesh.triangles.points_to_barycentric(whole.triangles[face], point), point)
 

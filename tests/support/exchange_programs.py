@@ -231,3 +231,23 @@ def in_browser(folder: Path, script: Path) -> str:
                 server.shutdown()
     assert not answers[0].startswith("failed"), answers[0]
     return answers[0]
+
+
+def validated(path: Path) -> dict:
+    """What Khronos's validator says of a glTF file."""
+    if shutil.which("node") is None or not VALIDATOR.is_dir():
+        pytest.skip(f"gltf-validator is not at {VALIDATOR}; run npm install gltf-validator.")
+    script = (
+        "const v = require(process.argv[1]), fs = require('fs'), path = require('path'), f = process.argv[2];"
+        "const read = (name) => new Uint8Array(fs.readFileSync(name));"
+        "const beside = (uri) => Promise.resolve(read(path.join(path.dirname(f), decodeURIComponent(uri))));"
+        "v.validateBytes(read(f), { externalResourceFunction: beside })"
+        ".then((r) => console.log(JSON.stringify(r.issues)));"
+    )
+    done = subprocess.run(["node", "-e", script, VALIDATOR, path], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def assert_valid(path):
+    found = validated(path)
+    assert found["numErrors"] == found["numWarnings"] == 0, found["messages"]

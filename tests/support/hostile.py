@@ -15,6 +15,7 @@ import mesh_files
 import numpy as np
 import pytest
 import scipy.io
+import textured_meshes
 from hypothesis import HealthCheck, Phase, seed, settings
 from lamp_files import VERTICAL, beam, ies, ldt
 from PIL import Image
@@ -79,6 +80,17 @@ def _mesh(path: Path) -> None:
     ds.exchange.read_mesh(path, None)
 
 
+def _objects(path: Path) -> None:
+    """Read a mesh in its own materials, beside which its pictures lie."""
+    for item in ds.exchange.read_mesh_objects(path, CAMERA):
+        assert all(np.isfinite(np.asarray(of)).all() for of in item.material.coefficients.values() if of is not None)
+
+
+def _mesh_of(path: Path) -> Path:
+    """Return the mesh that names a file of materials."""
+    return path.with_suffix(".obj") if path.suffix == ".mtl" else path
+
+
 MESHES = ("a.obj", "b.obj", "a.ply", "b.ply", "c.ply", "a.stl", "b.stl", "a.glb", "b.glb", "a.gltf", "a.off")
 TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf", ".glb"), (ds.exchange.read_materials,)),
@@ -103,6 +115,7 @@ OTHERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     "maps/k_d.npy": (lambda path: ds.read_maps(path.parent),),
     "maps/scene.toml": (lambda path: ds.read_maps(path.parent),),
     **dict.fromkeys(MESHES, (_mesh,)),
+    **dict.fromkeys(("textured.gltf", "textured.obj", "textured.mtl"), (lambda path: _objects(_mesh_of(path)),)),
 }
 
 
@@ -130,6 +143,10 @@ def write_good(folder: Path) -> None:
     import trimesh
     import zarr
 
+    textured_meshes.write_unlit(folder / "textured.gltf")
+    (folder / "textured.mtl").write_text("newmtl a\nKd 1 1 1\nmap_Kd -s 2 2 1 -clamp on smooth.png\nillum 1\n")
+    places = "vt 0 0\nvt 1 0\nvt 1 1\nmtllib textured.mtl\nusemtl a\nf 1/1 2/2 3/3\n"
+    (folder / "textured.obj").write_text(mesh_files.QUAD + places)
     image = np.random.default_rng(0).random((6, 7, 3))
     eight = (255 * image).astype(np.uint8)
     integers = {"8.png": 8, "16.png": 16, "a.tga": 8, "a.bmp": 8, "a.ppm": 16, "8.tif": 8, "16.tif": 16, "32.tif": 32}

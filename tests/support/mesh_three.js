@@ -1,4 +1,5 @@
-// Renders mesh files by three.js under each light of cases.json, as float radiance; posts pictures and console messages.
+// Renders mesh files by three.js under each light of cases.json, as float radiance, with zoom x zoom pixels a texel; posts
+// the middle one of each, and console messages.
 import * as THREE from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { MTLLoader } from "three/addons/loaders/MTLLoader.js";
@@ -17,7 +18,8 @@ async function load(file) {
 const textures = (material) => Object.values(material).filter((value) => value && value.isTexture);
 
 async function main() {
-  const { files, lights, width, height, extent } = await (await fetch("cases.json")).json();
+  const { files, lights, zoom, rows, columns, extent } = await (await fetch("cases.json")).json();
+  const width = zoom * columns, height = zoom * rows, middle = Math.floor(zoom / 2);
   const renderer = new THREE.WebGLRenderer({ antialias: false });
   const target = new THREE.WebGLRenderTarget(width, height, { type: THREE.FloatType });
   const half = extent / 2, camera = new THREE.OrthographicCamera(-half * width / height, half * width / height, half, -half, 0, 10);
@@ -43,7 +45,10 @@ async function main() {
       renderer.render(scene, camera);
       const pixels = new Float32Array(4 * width * height);
       renderer.readRenderTargetPixels(target, 0, 0, width, height, pixels);
-      found[file].push(Array.from(pixels));
+      found[file].push(Array.from({ length: 4 * rows * columns }, (_, i) => {
+        const texel = Math.floor(i / 4), row = zoom * Math.floor(texel / columns), column = zoom * (texel % columns);
+        return pixels[4 * ((row + middle) * width + column + middle) + (i % 4)];
+      }));
     }
   }
   return JSON.stringify({ found, said });

@@ -110,6 +110,27 @@ def tilted(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     return 1.1 * x - 0.5 * y, 1.1 * one, -0.5 * one
 
 
+def coin(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A rim and a star, with steep sides."""
+
+    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        star = np.hypot(x, y) - 0.45 - 0.12 * np.cos(5 * np.arctan2(y, x))
+        return 0.06 / (1 + np.exp((0.88 - np.hypot(x, y)) / 0.006)) + 0.05 / (1 + np.exp(star / 0.006))
+
+    e = 1e-5
+    return (
+        height(x, y),
+        (height(x + e, y) - height(x - e, y)) / 2 / e,
+        (height(x, y + e) - height(x, y - e)) / 2 / e,
+    )
+
+
+def waves(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Hills and hollows."""
+    s, c = np.sin, np.cos
+    return 0.12 * s(5 * x) * c(4 * y), 0.6 * c(5 * x) * c(4 * y), -0.48 * s(5 * x) * s(4 * y)
+
+
 def stepped(height: float, where: float = 0.0, angle: float = 0.0, end: float = 0.2, whole: bool = False) -> Height:
     """A gentle hill with a step along a line, that is whole at one border and fades out at `end`.
 

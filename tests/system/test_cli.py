@@ -244,6 +244,8 @@ def test_meshes_are_drawn_as_their_formats_define_them(typed):
     assert typed("render", "x.glb", "--material", "x.glb", "--size", "32x32", "-o", "x.exr").status == 0
     red = ds.read_image("x.exr")[16, 16]
     assert red[0] > 5 * red[2] > 0
+    assert typed("render", "x.glb", "--size", "32x32", "-o", "own.exr").status == 0
+    np.testing.assert_array_equal(ds.read_image("own.exr"), ds.read_image("x.exr"))
     Path("bare.glb").write_bytes(mesh_files.gltf([row], points, materials=materials))
     refusal = typed("render", "bare.glb", "--material", "x.glb", "--size", "32x32", "-o", "bare.exr").refusal
     assert "faces of bare.glb name no material, and x.glb has 2" in refusal

@@ -2,15 +2,12 @@
 
 import dataclasses
 import json
-import shutil
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 import reliefs
 import scipy.ndimage
-from exchange_programs import VALIDATOR
+from exchange_programs import assert_valid
 from handmade_maps import bumpy
 from measured import measured
 from turned_meshes import coverage, true_surface
@@ -162,26 +159,6 @@ def test_fewer_triangles_keep_to_the_tolerance(given):
     assert 0.0 < closed.largest <= 0.005
     with pytest.raises(ValueError, match=r"tolerance must be above 0 scene units; got -1"):
         ds.heights.height_mesh(heights, tolerance=-1.0)
-
-
-def validated(path: Path) -> dict:
-    """What Khronos's validator says of a glTF file."""
-    if shutil.which("node") is None or not VALIDATOR.is_dir():
-        pytest.skip(f"gltf-validator is not at {VALIDATOR}; run npm install gltf-validator.")
-    script = (
-        "const v = require(process.argv[1]), fs = require('fs'), path = require('path'), f = process.argv[2];"
-        "const read = (name) => new Uint8Array(fs.readFileSync(name));"
-        "const beside = (uri) => Promise.resolve(read(path.join(path.dirname(f), decodeURIComponent(uri))));"
-        "v.validateBytes(read(f), { externalResourceFunction: beside })"
-        ".then((r) => console.log(JSON.stringify(r.issues)));"
-    )
-    done = subprocess.run(["node", "-e", script, VALIDATOR, path], capture_output=True, text=True, check=True)
-    return json.loads(done.stdout)
-
-
-def assert_valid(path):
-    found = validated(path)
-    assert found["numErrors"] == found["numWarnings"] == 0, found["messages"]
 
 
 @pytest.mark.thorough
@@ -344,32 +321,12 @@ def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
     assert np.median(angle(of_pixels, normal[joined])) < most
 
 
-def coin(x, y):
-    """A rim and a star, with steep sides."""
-
-    def height(x, y):
-        star = np.hypot(x, y) - 0.45 - 0.12 * np.cos(5 * np.arctan2(y, x))
-        return 0.06 / (1 + np.exp((0.88 - np.hypot(x, y)) / 0.006)) + 0.05 / (1 + np.exp(star / 0.006))
-
-    e = 1e-5
-    return (
-        height(x, y),
-        (height(x + e, y) - height(x - e, y)) / 2 / e,
-        (height(x, y + e) - height(x, y - e)) / 2 / e,
-    )
-
-
-def waves(x, y):
-    s, c = np.sin, np.cos
-    return 0.12 * s(5 * x) * c(4 * y), 0.6 * c(5 * x) * c(4 * y), -0.48 * s(5 * x) * s(4 * y)
-
-
 def objects(size):
     x, y = reliefs.grid(size)
     return {
         "vase": reliefs.vase(size),
-        "coin": reliefs.relief(size, coin, mask=np.hypot(x, y) < 1.0),
-        "waves": reliefs.relief(size, waves),
+        "coin": reliefs.relief(size, reliefs.coin, mask=np.hypot(x, y) < 1.0),
+        "waves": reliefs.relief(size, reliefs.waves),
         "step": reliefs.relief(size, reliefs.stepped(0.4)),
     }
 

@@ -1,0 +1,184 @@
+"""Base colours: what a picture, and the colours of vertices, multiply a material's colour by at each point."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.fields import Array
+from ..io.gltf_files import beside, data_bytes, picture_bytes
+from ..io.images import load_image
+from ..model.materials import Material
+
+STARTS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp", b"BM": ".bmp"}
+REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # what is beyond the edge of a picture
+
+
+RANGE = np.iinfo(np.int32).min, np.iinfo(np.int32).max  # of the index of a pixel
+Place = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+def place_of(*rows: Any) -> Place:
+    """Return the place of a picture; refuse numbers that are none."""
+    u, v = np.array(rows, float).tolist()
+    if len(u) != 3 or not np.isfinite([*u, *v]).all():
+        raise ValueError("a picture must be placed by finite numbers. Correct the file.")
+    return (u[0], u[1], u[2]), (v[0], v[1], v[2])
+
+
+class ColourPicture(NamedTuple):
+    """A picture that a material's file names or holds."""
+
+    source: Path
+    """The file of the material."""
+    uri: str = ""
+    """Its name there, in which it may be packed (data:)."""
+    image: int = 0
+    """Its number among the images of a glTF file that packs it without a name."""
+    wrap: tuple[str, str] = (REPEAT, REPEAT)
+    """What is beyond its edges, along u and along v."""
+    nearest: bool = False
+    """Whether a point has the colour of the nearest pixel, and not one between four of them."""
+    place: Place = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    """From (u, v, 1) of the mesh to those of the picture."""
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether the file of the material holds the picture itself."""
+        return not self.uri or self.uri.startswith("data:")
+
+    @property
+    def suffix(self) -> str:
+        """The suffix of a file that holds it: what its first bytes are, else as it is named."""
+        data = self.read()
+        named = "" if self.is_packed else Path(self.uri).suffix.lower()
+        return next((suffix for start, suffix in STARTS.items() if data.startswith(start)), named)
+
+    def file(self) -> Path:
+        """Return the file that it names: in the same folder or below it; of a longer path, by its last name too.
+
+        Raises:
+            ValueError: There is no such file.
+        """
+        name = self.uri.replace("\\", "/")  # as MTL of Windows has it
+        try:
+            return beside(name, self.source.parent, "picture")
+        except ValueError:
+            if not (path := self.source.parent / name.rpartition("/")[2]).is_file():
+                raise
+            return path
+
+    def read(self) -> bytes:
+        """Return its bytes.
+
+        Raises:
+            ValueError: There is no such picture.
+        """
+        if self.uri.startswith("data:"):
+            return data_bytes(self.uri)
+        return self.file().read_bytes() if self.uri else picture_bytes(self.source, self.image)
+
+    def texels(self) -> Float[np.ndarray, "h w 4"]:
+        """Return the linear colours and alpha of the picture, whose curve is that of sRGB (glTF 2.0, 3.9.2).
+
+        Raises:
+            ValueError: There is no such picture, or it cannot be read.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"picture{self.suffix}"
+            path.write_bytes(self.read())
+            try:
+                image = load_image(path, srgb=True, orientation=1)[0]
+                if image.shape[-1] not in (2, 4):
+                    image = np.concatenate([image, np.ones_like(image[..., :1])], -1)
+                colour, alpha = image[..., :-1], image[..., -1:]
+                return np.concatenate([np.broadcast_to(colour, (*alpha.shape[:2], 3)), alpha], -1).astype(np.float32)
+            except (OSError, ImportError, ValueError) as error:
+                raise ValueError(f"{error}".replace(f"{path}", self.uri[:60] or "its picture")) from None
+
+    def at(self, texels: Float[np.ndarray, "h w 4"], uv: Float[np.ndarray, "*s 2"]) -> Float[np.ndarray, "*s 4"]:
+        """Return the picture at texture coordinates, between the centres of four pixels; 1 where they are NaN."""
+        known = np.asarray(np.isfinite(uv).all(-1))
+        u, v = np.moveaxis(np.where(known[..., None], uv, 0.0) @ np.array(self.place)[:, :2].T, -1, 0)
+        found = np.zeros((*known.shape, 4))
+        corners = []
+        for size, x, wrap, shift in zip(
+            texels.shape[1::-1], (u, v), self.wrap, np.array(self.place)[:, 2], strict=True
+        ):
+            x = np.clip(np.nan_to_num((x + shift) * size - 0.5), *RANGE)
+            first = np.floor(x)
+            part = x - first if not self.nearest else x - first >= 0.5
+            corners.append([(_within(first.astype(int) + k, size, wrap), np.abs(1 - k - part)) for k in (0, 1)])
+        for column, across in corners[0]:
+            for row, down in corners[1]:
+                found += texels[row, column] * (across * down)[..., None]
+        return np.where(known[..., None], found, 1.0)
+
+
+def _within(index: np.ndarray, size: int, wrap: str) -> np.ndarray:
+    """Return the index of a pixel of a picture for one that may be beyond its edge."""
+    if wrap == CLAMP:
+        return np.clip(index, 0, size - 1)
+    if wrap == MIRROR:
+        index = index % (2 * size)
+        return np.minimum(index, 2 * size - 1 - index)
+    return index % size
+
+
+class BaseColour(NamedTuple):
+    """How a file colours the points of a material."""
+
+    picture: ColourPicture | None = None
+    fields: tuple[str, ...] = ("k_d",)
+    """What of the material the colour multiplies."""
+    metal: Float[np.ndarray, "3"] | float = 0.0
+    """The share of the highlights that it multiplies as well: 1 for a metal."""
+    alpha: float = 1.0
+    cutoff: float | None = None
+    """Alpha from which a point is there at all; None: every point is."""
+    blends: bool = False
+    """Whether 1 - alpha of the light passes."""
+
+
+class Look:
+    """A material with its base colour."""
+
+    def __init__(self, material: Material, base: BaseColour, texels: Float[np.ndarray, "h w 4"] | None = None):
+        self.material, self.base, self._texels = material, base, texels
+
+    def colour(self, look: Float[np.ndarray, "*s 6"]) -> Float[np.ndarray, "*s 4"]:
+        """Return the colour and alpha at points of these looks."""
+        colour = np.clip(np.nan_to_num(look[..., 2:]), 0.0, 1.0)
+        if self._texels is None or self.base.picture is None:
+            return colour
+        return colour * self.base.picture.at(self._texels, look[..., :2])
+
+    def shows(self, look: Float[np.ndarray, "points 6"]) -> Any:
+        """Return which points of these looks are there."""
+        return self.colour(look)[:, 3] * self.base.alpha >= (self.base.cutoff or 0.0)
+
+    def over(self, look: Float[np.ndarray, "h w 6"] | None) -> Material:
+        """Return the material at pixels of these looks: its coefficients times the colour there."""
+        if look is None or (self._texels is None and (look[..., 2:] == 1.0).all()):
+            return self.material
+        m, rgba = self.material, self.colour(look)
+        colour, alpha = rgba[..., :3], rgba[..., 3:]
+        tint = 1.0 - self.base.metal + self.base.metal * colour
+        changed: dict[str, Any] = {name: _times(getattr(m, name), colour) for name in self.base.fields}
+        if np.any(self.base.metal):
+            changed["k_s"] = _times(m.k_s, tint)
+            changed["highlights"] = tuple(dataclasses.replace(of, k_s=_times(of.k_s, tint)) for of in m.highlights)
+        if self.base.blends:
+            k_t = changed.get("k_t", m.k_t)
+            changed["k_t"] = 1.0 - (1.0 - (0.0 if k_t is None else k_t)) * alpha * np.ones(3)
+        return dataclasses.replace(m, **changed)
+
+
+def _times(coefficient: Any, colour: Array) -> Any:
+    """Return a coefficient times a colour; one that is 0 or None stays a single one."""
+    return coefficient if coefficient is None or not np.any(coefficient) else coefficient * colour

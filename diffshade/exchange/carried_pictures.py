@@ -1,0 +1,191 @@
+"""Pictures of base colours, carried from one material file to another: where they lie, and how formats name them."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from ..core.thresholds import MOST
+from ..io.files import replacing
+from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture
+from .names import words
+
+MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
+GLTF_WRAPS = {REPEAT: 10497, CLAMP: 33071, MIRROR: 33648}  # as OpenGL numbers them
+THREE_WRAPS = {REPEAT: 1000, CLAMP: 1001, MIRROR: 1002}
+
+
+class Carried(NamedTuple):
+    """The base colours of a file's materials as another file names them."""
+
+    bases: dict[str, BaseColour]
+    copies: dict[Path, bytes]
+    """The pictures that are to be written beside the new file."""
+    notes: tuple[str, ...]
+
+
+def carried(bases: Mapping[str, BaseColour], path: Path, *, packs: bool) -> Carried:
+    """Return base colours with the names that their pictures have in a file at another path.
+
+    A name stays where it leads to the same picture from there. Else the picture is packed where it was packed and the
+    format `packs`, or lies beside the new file.
+    """
+    found: dict[str, BaseColour] = {}
+    copies: dict[Path, bytes] = {}
+    notes: list[str] = []
+    for (name, base), word in zip(bases.items(), words(bases).values(), strict=True):
+        picture = base.picture
+        if picture is None:
+            continue
+        try:
+            uri = _name(picture, path, word, copies, packs=packs)
+        except (OSError, ValueError) as error:
+            notes.append(f"{name}: {error} Its name is written all the same.")
+            uri = picture.uri
+        found[name] = base._replace(picture=picture._replace(source=path, uri=uri))
+    return Carried(found, copies, tuple(notes))
+
+
+def _name(picture: ColourPicture, path: Path, word: str, copies: dict[Path, bytes], *, packs: bool) -> str:
+    """Return the name of a picture in a file at a path; what is to lie beside it is added to `copies`."""
+    safe = packs or (picture.uri.isprintable() and not picture.uri.startswith("-") and "#" not in picture.uri)
+    if not picture.is_packed and safe and _reaches(picture, path):
+        return picture.uri
+    if picture.is_packed and packs:
+        data = picture.read()
+        kind = MIME.get(picture.suffix, "application/octet-stream")
+        return picture.uri or f"data:{kind};base64,{base64.b64encode(data).decode()}"
+    data = picture.read()
+    if same := [there.name for there, copied in copies.items() if copied == data]:
+        return same[0]
+    last = f"{path.stem}_{word}{picture.suffix}"
+    if not picture.is_packed and safe:
+        own = path.parent / picture.file().name
+        if own not in copies and (not own.exists() or own.read_bytes() == data):
+            last = own.name
+    copies[path.parent / last] = data
+    return last
+
+
+def _reaches(picture: ColourPicture, path: Path) -> bool:
+    """Whether the name of a picture leads to it from a file at another path as well."""
+    if path.parent.resolve() == picture.source.parent.resolve() or "://" in picture.uri:
+        return True
+    there = path.parent / picture.uri
+    return there.is_file() and there.resolve() == picture.file()
+
+
+def write_copies(copies: Mapping[Path, bytes]) -> None:
+    """Write the pictures beside a file, each of them whole; one that is there already stays."""
+    for path, data in copies.items():
+        if not (path.is_file() and path.read_bytes() == data):
+            with replacing(path) as temporary:
+                temporary.write_bytes(data)
+
+
+def notes_on_base(
+    base: BaseColour | None, program: str, *, turns: bool, mirrors: bool, alpha: bool = True
+) -> list[str]:
+    """Return notes on what a program does otherwise with a picture."""
+    if base is None or base.picture is None:
+        return []
+    notes = []
+    if base.fields == ("k_d",) and np.all(np.asarray(base.metal) > MOST):
+        notes.append(f"its picture colours the highlight of a metal; {program} gets it for k_d, which is 0.")
+    if not turns and _parts(base.picture)[2]:
+        notes.append(f"{program} does not turn pictures: the turn of its picture is not written.")
+    if not alpha and (base.blends or base.cutoff is not None):
+        notes.append(f"{program} draws the clear points of its picture as well.")
+    if not mirrors and MIRROR in base.picture.wrap:
+        notes.append(f"{program} does not mirror pictures: its picture is repeated.")
+    return notes
+
+
+def _parts(picture: ColourPicture) -> tuple[float, float, float]:
+    """Return the scale along u and v, and the turn in radians, of which the place of a picture consists."""
+    (a, b, _), (c, d, _) = picture.place
+    wide = float(np.hypot(a, c))
+    if not (b or c) or not wide:
+        return float(a), float(d), 0.0
+    return wide, float(a * d - b * c) / wide, float(np.arctan2(-c, a))
+
+
+def rows_of_mtl(base: BaseColour | None) -> dict[str, str]:
+    """Return the rows of an MTL that name a picture."""
+    if base is None or base.picture is None:
+        return {}
+    picture, (wide, high, _) = base.picture, _parts(base.picture)
+    x, y = float(picture.place[0][2]), float(1.0 - high - picture.place[1][2])  # v is up
+    options = "-clamp on " if CLAMP in picture.wrap else ""
+    options += f"-s {wide!r} {high!r} 1 " if (wide, high) != (1, 1) else ""
+    options += f"-o {x!r} {y!r} 0 " if (x, y) != (0, 0) else ""
+    keys = {"k_d": "map_Kd", "k_a": "map_Ka", "k_e": "map_Ke"}
+    return {keys[field]: options + picture.uri for field in base.fields if field in keys}
+
+
+def into_gltf(document: dict[str, Any], bases: Mapping[str, BaseColour]) -> None:
+    """Add the pictures of materials to the document of a glTF file."""
+    images, samplers, textures = [], [], []
+    for row in document["materials"]:
+        base = bases.get(row["name"])
+        if base is None or (picture := base.picture) is None:
+            continue
+        uri = picture.uri if picture.is_packed else quote(picture.uri.replace("\\", "/"), safe="/:")
+        wraps = {"wrapS": GLTF_WRAPS[picture.wrap[0]], "wrapT": GLTF_WRAPS[picture.wrap[1]]}
+        filters = {"magFilter": 9728, "minFilter": 9728} if picture.nearest else {}
+        texture = {"source": _index(images, {"uri": uri}), "sampler": _index(samplers, wraps | filters)}
+        info: dict[str, Any] = {"index": _index(textures, texture)}
+        if picture.place != ColourPicture(picture.source).place:
+            wide, high, turn = _parts(picture)
+            placed = {"offset": [of[2] for of in picture.place], "rotation": turn, "scale": [wide, high]}
+            info["extensions"] = {"KHR_texture_transform": placed}
+            document["extensionsUsed"] = sorted({*document["extensionsUsed"], "KHR_texture_transform"})
+        if "k_e" in base.fields:
+            row["emissiveTexture"] = info
+        else:
+            row["pbrMetallicRoughness"]["baseColorTexture"] = info
+        if base.cutoff is not None:
+            row |= {"alphaMode": "MASK", "alphaCutoff": base.cutoff}
+        elif base.blends:
+            row["alphaMode"] = "BLEND"
+    document |= {"images": images, "samplers": samplers, "textures": textures} if images else {}
+
+
+def into_three(tables: list[dict[str, Any]], bases: Mapping[str, BaseColour]) -> dict[str, Any]:
+    """Add the pictures of materials to their tables of three.js's JSON; return its lists of textures and images."""
+    images, textures = [], []
+    for table in tables:
+        base = bases.get(table["name"])
+        if base is None or (picture := base.picture) is None:
+            continue
+        image = {"uuid": f"image_{len(images)}", "url": picture.uri}
+        image = next((of for of in images if of["url"] == picture.uri), image)
+        images += [image] if image not in images else []
+        wide, high, _ = _parts(picture)
+        texture = {
+            "uuid": f"texture_{len(textures)}",
+            "image": image["uuid"],
+            "wrap": [THREE_WRAPS[of] for of in picture.wrap],
+            "offset": [picture.place[0][2], 1.0 - high - picture.place[1][2]],
+            "repeat": [wide, high],
+            "magFilter": 1003 if picture.nearest else 1006,
+            "colorSpace": "srgb",
+            "flipY": True,
+        }
+        textures.append(texture)
+        table["emissiveMap" if "k_e" in base.fields else "map"] = texture["uuid"]
+        table |= {"alphaTest": base.cutoff} if base.cutoff is not None else {}
+        table |= {"transparent": True} if base.blends else {}
+    return {"textures": textures, "images": images} if images else {}
+
+
+def _index(rows: list[dict[str, Any]], row: dict[str, Any]) -> int:
+    """Return the index of a row, which is added if it is not there."""
+    if row not in rows:
+        rows.append(row)
+    return rows.index(row)

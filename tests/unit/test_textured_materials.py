@@ -1,0 +1,163 @@
+"""Material files with pictures: `convert` keeps them, and glass means the same in glTF as here."""
+
+import itertools
+import json
+import os
+
+import numpy as np
+import pytest
+import textured_meshes as made
+from exchange_programs import assert_valid
+
+import diffshade as ds
+from diffshade.cli import main
+from diffshade.exchange.material_files import read_textured
+
+MTL = "newmtl wall\nKd 0.5 0.6 0.7\nmap_Kd {0}tile.png\nbump b.png\nnewmtl plain\nKd 1 0 0\n"
+
+
+@pytest.fixture
+def converted(capfd):
+    """Run `diffshade convert`, and return all that it says."""
+
+    def run(*words):
+        with pytest.raises(SystemExit) as end:
+            main(["convert", *map(str, words)])
+        said = "".join(capfd.readouterr())
+        assert end.value.code == 0, said
+        return said
+
+    return run
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "in" / "tile.png").write_bytes(made.pictures()["many"].png())
+    (tmp_path / "in" / "a.mtl").write_text(MTL.format("-clamp on -s 2 3 1 -o 0.25 0.5 0 "))
+    return tmp_path
+
+
+def bases(path):
+    return read_textured(path)[1]
+
+
+def pictures(path):
+    """The pictures of base colours, by material."""
+    return {name: base.picture for name, base in bases(path).items() if base.picture is not None}
+
+
+def test_a_picture_goes_through_every_format_and_back(folder, converted, caplog):
+    """In one folder its name stays; in another it lies beside the file, once, and its place is the same."""
+    chain = ["in/a.mtl", "in/b.gltf", "out/c.json", "out/d.gltf", "in/e.mtl"]
+    given = pictures(folder / chain[0])["wall"]
+    for one, other in itertools.pairwise(chain):
+        converted(folder / one, folder / other)
+        found = pictures(folder / other)
+        assert list(found) == ["wall"]
+        picture = found["wall"]
+        assert (picture.uri, picture.wrap, picture.read()) == ("tile.png", given.wrap, given.read())
+        np.testing.assert_allclose(picture.place, given.place, atol=1e-12)
+        if one == chain[0]:
+            assert "'wall': texture maps are not read, only those of the base colour: 'bump'." in caplog.text
+    assert "map_Kd -clamp on -s 2.0 3.0 1 -o 0.25 0.5 0 tile.png" in (folder / "in" / "e.mtl").read_text()
+    assert sorted(os.listdir(folder / "out")) == ["c.json", "d.gltf", "tile.png"]
+    assert read_textured(folder / "in" / "e.mtl")[0]["wall"].k_d == pytest.approx([0.5, 0.6, 0.7], abs=0.01)
+
+
+def test_another_picture_of_its_name_is_not_replaced(folder, converted):
+    (folder / "out" / "tile.png").write_bytes(b"another")
+    converted(folder / "in" / "a.mtl", folder / "out" / "c.mtl")
+    assert (folder / "out" / "tile.png").read_bytes() == b"another"
+    assert pictures(folder / "out" / "c.mtl")["wall"].uri == "c_wall.png"
+    (folder / "in" / "far.mtl").write_text(MTL.format("").replace("tile.png", f"{folder}/in/tile.png"))
+    converted(folder / "in" / "far.mtl", folder / "out" / "f.mtl")
+    assert f"map_Kd {folder}/in/tile.png" in (folder / "out" / "f.mtl").read_text()  # it leads there from anywhere
+
+
+def test_what_is_packed_stays_packed_where_a_format_can(folder, converted):
+    made.write(folder / "in" / "m.glb", metallic=0.0)
+    converted(folder / "in" / "m.glb", folder / "out" / "m.gltf", folder / "out" / "m.json")
+    many = made.pictures()["many"].png()
+    for name in ("m.gltf", "m.json"):
+        shown = pictures(folder / "out" / name)
+        assert shown["opaque"].is_packed
+        assert shown["opaque"].read() == many
+        assert shown["wrapped"].wrap == ("mirror", "clamp")
+    assert sorted(os.listdir(folder / "out")) == ["m.gltf", "m.json"]
+    found = bases(folder / "out" / "m.gltf")
+    assert (found["mask"].cutoff, found["blend"].blends) == (0.3, True)
+    np.testing.assert_allclose(
+        pictures(folder / "out" / "m.gltf")["turned"].place,
+        pictures(folder / "in" / "m.glb")["turned"].place,
+        atol=1e-12,
+    )
+    said = converted(folder / "out" / "m.gltf", folder / "out" / "m.mtl")
+    assert "turned: MTL does not turn pictures" in said
+    assert "wrapped: MTL does not mirror pictures" in said
+    assert "mask and blend: MTL draws the clear points of its picture as well." in said
+    assert pictures(folder / "out" / "m.mtl")["opaque"].read() == many
+
+
+@pytest.mark.parametrize("suffix", [".c", ".py", ".inc", ".js"])
+def test_formats_without_pictures_say_so(suffix, folder, converted):
+    said = converted(folder / "in" / "a.mtl", folder / "out" / f"a{suffix}")
+    assert f"wall: {suffix} names no pictures; the colour of the material is written." in said
+    assert os.listdir(folder / "out") == [f"a{suffix}"]
+
+
+def test_a_picture_that_is_not_there_is_said_and_its_name_kept(folder, converted):
+    (folder / "in" / "tile.png").unlink()
+    said = converted(folder / "in" / "a.mtl", folder / "out" / "a.gltf")
+    assert "wall: there is no picture 'tile.png' in its folder. Put it beside the file. Its name is written" in said
+    assert json.loads((folder / "out" / "a.gltf").read_text())["images"] == [{"uri": "tile.png"}]
+
+
+def test_a_name_of_two_lines_writes_no_second_row(folder, converted):
+    document = {"asset": {"version": "2.0"}, "images": [{"uri": "x%0ANs%205.png"}], "textures": [{"source": 0}]}
+    (folder / "in" / "x\nNs 5.png").write_bytes(made.pictures()["many"].png())
+    row = {"name": "a", "pbrMetallicRoughness": {"metallicFactor": 0, "baseColorTexture": {"index": 0}}}
+    (folder / "in" / "x.gltf").write_text(json.dumps(document | {"materials": [row]}))
+    converted(folder / "in" / "x.gltf", folder / "out" / "x.mtl")
+    assert "map_Kd x_a.png\n" in (folder / "out" / "x.mtl").read_text()
+
+
+GLASS = {
+    "bends": ({"k_t": 0.9, "eta": 1.5}, {"transmission", "ior"}),
+    "diffuses too": ({"k_d": 0.4, "k_t": 0.5, "eta": 1.3}, {"transmission", "ior"}),
+    "has a colour": ({"k_t": (0.9, 0.5, 0.2)}, {"transmission"}),
+    "glossy": ({"k_t": 0.5, "eta": 1.5, "k_s": 0.3, "n_s": 80}, {"transmission", "ior"}),
+    "is thin": ({"k_d": 0.4, "k_t": 0.5}, set()),
+    "has other colours": ({"k_d": (0.4, 0.2, 0.1), "k_t": 0.5, "eta": 1.5}, set()),
+    "is opaque": ({"k_d": 0.3, "k_s": 0.2, "n_s": 30, "eta": 1.4}, {"ior"}),
+}
+
+
+@pytest.mark.parametrize("case", GLASS)
+def test_glass_comes_back_from_gltf_as_it_was(case, tmp_path):
+    given, extensions = GLASS[case]
+    glass = ds.Material(**given)
+    said = str(ds.exchange.write_material(tmp_path / "a.gltf", glass))
+    (row,) = json.loads((tmp_path / "a.gltf").read_text())["materials"]
+    assert {key.removeprefix("KHR_materials_") for key in row["extensions"]} == {"specular", *extensions}
+    found = ds.exchange.read_material(tmp_path / "a.gltf")
+    for name in ("k_d", "k_t"):
+        one, other = (getattr(of, name) for of in (found, glass))
+        assert (one is None and other is None) or np.abs(one - other).max() < 0.005
+    np.testing.assert_allclose(found.k_s, glass.k_s, rtol=0.03)
+    if "ior" in extensions:
+        assert found.eta == glass.eta
+    assert ("eta 1.5 is not written" in said) == (case == "has other colours")
+
+
+@pytest.mark.thorough
+def test_gltf_with_pictures_and_glass_is_valid(folder, converted):
+    made.write(folder / "in" / "m.glb")
+    assert_valid(folder / "in" / "m.glb")
+    converted(folder / "in" / "m.glb", folder / "out" / "m.gltf")
+    converted(folder / "in" / "a.mtl", folder / "out" / "a.gltf")
+    for i, (given, _) in enumerate(GLASS.values()):
+        ds.exchange.write_material(folder / "out" / f"{i}.gltf", ds.Material(**given))
+    for path in (folder / "out").glob("*.gltf"):
+        assert_valid(path)
