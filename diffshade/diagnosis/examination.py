@@ -78,7 +78,8 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
         progress: Show a progress line on the terminal.
 
     Returns:
-        The intervals, the repeated fits, the suspected faults and the notes.
+        `interval_68`, `interval_95`, `errors` and `determined` in the order of `fit.names`; `refits`, `suspicions` and
+        `notes`. `print` shows them.
 
     Raises:
         TypeError: If `fit` is not a `Fit`.

@@ -23,6 +23,7 @@ def write_figure(path: str | Path, figure: Figure) -> None:
 
     Raises:
         ValueError: The suffix is another one.
+        TypeError: The path is no path.
         OSError: The file cannot be written.
     """
     check_figure(path)
@@ -32,5 +33,9 @@ def write_figure(path: str | Path, figure: Figure) -> None:
 
 def check_figure(path: str | Path) -> None:
     """Raise ValueError for a path that no figure can be written to, before the figure is drawn."""
+    if not isinstance(path, str | Path):
+        raise TypeError(
+            f"the path comes first, then the figure; got {type(path).__name__}. Give for example 'lamp.png'."
+        )
     if Path(path).suffix.lower() not in SUFFIXES:
         raise ValueError(f"a figure is written as {', '.join(SUFFIXES)}; got '{path}'. Give one of these suffixes.")

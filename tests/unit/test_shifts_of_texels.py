@@ -115,3 +115,17 @@ def test_shifts_are_kept_with_the_maps(tmp_path):
         np.testing.assert_array_equal(one, other)
     maps.write(tmp_path / "still", suffix=".npy")
     assert ds.read_maps(tmp_path / "still").shifts is None
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("n_s", [8.0, 20.0, 60.0])
+def test_the_highlights_of_eight_photographs_of_a_smooth_ball_are_no_shift(n_s):
+    """There is no edge and no texture, and of eight photographs each region's lights take up most of what differs."""
+    random, camera = np.random.default_rng(1), ds.OrthographicCamera((0, 0, 4), height=2.2, shape=(64, 64))
+    tilt, turn = np.deg2rad(np.linspace(15.0, 50.0, 8)), 2.4 * np.arange(8)
+    toward = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], -1)
+    lights = [ds.DirectionalLight(-l) for l in toward]
+    ball = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=(0.6, 0.3, 0.2), k_s=0.3, n_s=n_s)), lights)
+    pictures = [np.asarray(ds.render(ball, camera, lit=i)) for i in range(8)]
+    views = [ds.View(one + random.normal(0, 0.002, one.shape), camera, lit=i) for i, one in enumerate(pictures)]
+    assert found_in(ball, views)[1:] == (None, ())

@@ -1,7 +1,8 @@
-"""Conventions: whether the lights seem to be described in other axes, or listed in another order than the photographs.
+"""Conventions: whether lights seem to be described in other axes, in another order than the photographs, or all as on.
 
-Both are common where directions come from another program, and ruin every number. No first-order change of the scene
-leads from one convention to another: each is tried by a fit of some pixels.
+These are common where directions come from another program, and ruin every number. No first-order change of the scene
+leads from one convention to another: each is tried by a fit of some pixels. That all lights are on in every photograph,
+where each has its own, shows in photographs that differ though nothing else does.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core.thresholds import CLEARLY, SLIGHT, SMALL
-from ...core.words import listing
+from ...core.thresholds import CLEARLY, MOST, SLIGHT, SMALL, TINY
+from ...core.words import MAX_NAMED, listing
 from ...model.scenes import Scene
+from ..data.samples import kept
 from ..data.view_sets import ViewSet
+from ..data.views import colours
 from ..pixels.blocks import BLOCK
 from ..result import Fit
 from ..solving import solve_again
@@ -35,7 +38,7 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
     """Return a sentence if other axes, or another order of the lights, heal most of a fit's misfit. In float64.
 
     Axes and orders of all lights are tried where the misfit is gross, and two photographs are swapped where these are
-    much worse than the others.
+    much worse than the others. Photographs of one camera and several lights are compared with each other.
 
     Args:
         fit: The fit.
@@ -47,6 +50,8 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
         worst = [i for i in worst if squares[i] > MUCH_WORSE * np.median([*squares.values()])]
     if not gross and len(worst) < 2:
         return None
+    if gross and (unlike := _unlike(fit)):
+        return unlike
     free = {(place.owner, place.field) for place in free_places(fit.unknowns)}
     placed = any(owner == "lights" and name in ("direction", "position") for owner, name in free)
     if len(fit.views) < MIN_VIEWS or placed:
@@ -60,6 +65,29 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
         return None
     left = np.sqrt(best / given)
     return f"{words}: they fit with {left:.0%} of the RMSE so. Nothing is determined until it is corrected."
+
+
+def _unlike(fit: Fit) -> str | None:
+    """Return a sentence if photographs under the same lights, but for a factor, differ as much as the fit misses."""
+    data, missed = fit.solved.problem.data, fit.evidence.spread[1] / fit.squares
+    for group in data.setups:
+        if len(group) < 2 or len(data.lit[group[0]]) < 2:
+            continue
+        views = [data.views[i] for i in group]
+        step = 1 + int(np.sqrt(np.prod(views[0].camera.shape) / BLOCK))
+        shown = np.array([(np.asarray(colours(view))[::step, ::step] - view.black) / view.exposure for view in views])
+        shown = shown[:, np.all([kept(view)[::step, ::step] for view in views], 0)].reshape(len(group), -1)
+        mean = shown.mean(0)
+        factor = shown @ mean / max(float(mean @ mean), TINY)
+        if np.sum((shown - factor[:, None] * mean) ** 2) > MOST * missed * np.sum(shown**2):
+            names = listing([f"views[{i}]" for i in group[:MAX_NAMED]])
+            more = f" and {len(group) - MAX_NAMED} more" if len(group) > MAX_NAMED else ""
+            return (
+                f"{names}{more} have one camera and the same {len(data.lit[group[0]])} lights, and show different "
+                "pictures: give each View the lights that are on in it, lit=. Nothing is determined until it is "
+                "corrected."
+            )
+    return None
 
 
 def _cost(fit: Fit, scene: Scene, data: ViewSet) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...core.words import listing
-from ...model.lobes import Blinn
+from ...model.lobes import EXPONENTS, Blinn
 from . import changes, other_scenes, regional
 from .found import Fault, Found
 from .linearised import BLUR_SIGMAS
@@ -37,7 +37,9 @@ def _of_highlight(f: Found) -> dict[str, Any]:
     shiny = (x.material.n_s for x in f.given.scene.objects if other_scenes.shines(x.material.k_s))
     factor = other_scenes.EXPONENT_FACTORS[f.which]
     n_s = factor * float(np.mean(np.asarray(next(shiny))))
-    return {"wider": "sharper" if factor > 1 else "wider", "n_s": n_s}
+    known = not any(place.field == "n_s" for unknown in f.given.unknowns for place in unknown.all_places)
+    free = "Free 'n_s', which is known in this fit. Or: " if known else ""
+    return {"wider": "sharper" if factor > 1 else "wider", "n_s": n_s, "free": free}
 
 
 def _of_sphere(f: Found) -> dict[str, Any]:
@@ -159,9 +161,17 @@ FAULTS = (
         plausible=(0.4, 1.7),  # 1 is exactly the other lobe
     ),
     Fault(
+        "missing highlight",
+        "there is a highlight, with n_s near {n_s:.2g}, that the scene does not have: its k_s is 0, and not free",
+        "Free 'k_s' and 'n_s'.",
+        other_scenes.of_missing_highlight,
+        words=lambda f: {"n_s": EXPONENTS[1:][f.which]},
+        plausible=(0.0, np.inf),
+    ),
+    Fault(
         "highlight",
         "the highlights have a second, {wider} part, with n_s near {n_s:.2g}",
-        "Give the material highlights=ds.Highlight(k_s=0.1, n_s={n_s:.2g}) and free both.",
+        "{free}Give the material highlights=ds.Highlight(k_s=0.1, n_s={n_s:.2g}) and free both.",
         other_scenes.of_second_highlight,
         words=_of_highlight,
         plausible=(0.0, np.inf),

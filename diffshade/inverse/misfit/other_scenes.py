@@ -11,13 +11,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core.thresholds import SINGLE, SLIGHT
+from ...core.thresholds import MOST, SINGLE, SLIGHT
 from ...model.attenuation import RadialAttenuation
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.gbuffers import GBuffer
 from ...model.lights import AbstractLamp
-from ...model.lobes import AbstractPowerLobe, Blinn, Phong
+from ...model.lobes import EXPONENTS, AbstractPowerLobe, Blinn, Phong
 from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
 from ...model.rendering import intersect, pixel_rays
@@ -50,6 +50,16 @@ def of_second_highlight(at: Linearised) -> Iterator[Case]:
     """Yield second highlights, sharper and wider."""
     for k, factor in enumerate(EXPONENT_FACTORS):
         yield from _of_material(at, k, partial(_with_second_highlight, factor, len(at.fit.scene.channels)))
+
+
+def of_missing_highlight(at: Linearised) -> Iterator[Case]:
+    """Yield highlights on objects that are matte, as the scene says and no free number changes."""
+    matte = not any(shines(item.material.k_s) for item in at.fit.scene.objects)
+    if at.drawable and matte and not any(place.field == "k_s" for u in at.fit.unknowns for place in u.all_places):
+        for k, n_s in enumerate(EXPONENTS[1:]):
+            shiny = [replace(item.material, k_s=MOST, n_s=n_s) for item in at.fit.scene.objects]
+            scene = eqx.tree_at(lambda s: [item.material for item in s.objects], at.fit.scene, shiny)
+            yield Case(k, (_drawn(at, scene) - at.predicted)[None] / MOST)
 
 
 def of_attenuation(at: Linearised) -> Iterator[Case]:

@@ -77,7 +77,7 @@ def _notes(fit: Fit, from_lights: np.ndarray, shift: np.ndarray) -> list[Note]:
     if moved := named(np.abs(shift) > np.maximum(fit.plain_errors, 0.5 * from_lights)):
         text = (
             f"lights that are off by their stated errors change {listing(moved)} to one side, and may have done so "
-            "here. Free the directions, which then have these errors as their prior."
+            "here. Free the lights' directions or positions, which then have these errors as their prior."
         )
         found.append(Note(text, "lights", moved))
     return found

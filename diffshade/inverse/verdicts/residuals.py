@@ -44,8 +44,6 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if other := other_convention(fit, residuals.squares):
         lost = np.zeros_like(fit.determined)
         return replace(fit, determined=lost, notes=(Note(other, "cause", ("convention",)), *fit.notes))
-    if not fit.determined.any():
-        return fit
     seen = explain(fit, residuals.squares)
     if is_noise and not seen.found:
         return fit
