@@ -218,6 +218,20 @@ class Checked(eqx.Module):
     def check_together(self) -> None:
         """Check what no single field can tell, after each field for itself; classes say what."""
 
+    def __repr__(self) -> str:
+        """Return numbers and colours as one would type them; of larger arrays, and within `jit`, the shape alone."""
+        return eqx.tree_pformat(jax.tree.map(_as_typed, self))
+
+
+def _as_typed(value: Any) -> Any:
+    """Return a number as a float, and numbers in a row as a tuple, with the digits that their type holds."""
+    if np.ndim(value) > 1 or np.size(value) > MOST_BANDS or not is_concrete(value):
+        return value
+    numbers = np.asarray(value)
+    if numbers.dtype == np.float32:
+        numbers = np.array([float(str(one)) for one in numbers.ravel()]).reshape(numbers.shape)
+    return numbers.item() if numbers.ndim == 0 else tuple(numbers.tolist())
+
 
 def is_concrete(*values: Any) -> bool:
     """Whether every value holds numbers that can be looked at now: none is a tracer."""

@@ -238,3 +238,15 @@ def test_open_ends_and_directions_are_said_by_the_field():
     ):
         Part(along=(0, 0, 0))
     jax.jit(lambda size: Part(size=size).size)(0.0)  # tracers pass
+
+
+def test_it_prints_its_numbers_as_they_are_typed():
+    lamp = ds.PointLight((1, 2, 3), 2.0, ds.RadialAttenuation(1.0, 0.1, 0.5))
+    assert "position=(1.0, 2.0, 3.0)" in str(lamp)
+    assert "RadialAttenuation(constant=1.0, linear=0.1, quadratic=0.5)" in str(lamp)
+    single = jax.tree.map(lambda number: jnp.asarray(number, jnp.float32), lamp.attenuation)
+    assert repr(single) == repr(lamp.attenuation)
+    assert "k_d=f64[4,4,3](numpy)" in str(ds.Material(k_d=np.ones((4, 4, 3))))
+    said = []
+    jax.jit(lambda law: (said.append(str(law)), law.linear)[1])(lamp.attenuation)
+    assert "linear=f" in said[0]
