@@ -73,3 +73,4 @@ def test_how_bright_a_lamp_is_though_nothing_stays_determined():
     fit, note = said(brighter, seen())
     assert not fit.determined.any()
     assert "views[0] is 1.28 times as bright as views[1] predicts" in note
+    assert fit.notes[0] is note

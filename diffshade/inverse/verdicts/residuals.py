@@ -54,7 +54,8 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if better is not None and better.values is not None:
         errors = np.maximum(errors, np.abs(better.values - fit.values))
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
-    notes = (*fit.notes, *_notes(fit, seen, better, lost, is_noise=is_noise))
+    found = _notes(fit, seen, better, lost, is_noise=is_noise)
+    notes = (*fit.notes, *found) if fit.determined.any() else (*found, *fit.notes)  # the cause of all comes first
     return replace(fit, errors=errors, determined=fit.determined & ~lost, notes=notes)
 
 
