@@ -105,13 +105,14 @@ def render(
                 camera = dataclasses.replace(camera, shape=(size[1], size[0]))
             image = np.asarray(ds.render(world, camera, lit=on, samples=samples), np.float64)
         else:
-            image = _of_mesh(scene, material, size or (512, 512), on, samples, report_progress)
+            image = _of_mesh(scene, material, out, size or (512, 512), on, samples, report_progress)
     put_picture(out, image, exposure, srgb=srgb, bits=bits)
 
 
 def _of_mesh(
     mesh: Path,
     material: str | None,
+    out: Path,
     size: tuple[int, int],
     lit: list[int] | None,
     samples: int,
@@ -130,7 +131,7 @@ def _of_mesh(
     from ..exchange.mesh_objects import objects_seen
 
     camera = ds.exchange.frame_mesh(mesh, shape=(size[1], size[0]))
-    seen = objects_seen(mesh, material)
+    seen = objects_seen(mesh, material, out)
     towards = np.asarray(camera.target) - np.asarray(camera.eye)
     lights = (ds.DirectionalLight((0.5, -1.0, -1.0)), ds.DirectionalLight(towards, FILL))
     image = np.zeros((size[1], size[0], 3))
@@ -152,7 +153,7 @@ def _index(word: str) -> int:
 @click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")
 @click.argument("folder", type=FOLDER)
 @click.option("--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]")
-@click.option("--suffix", type=OneOf((".png", ".svg", ".pdf")), default=".png", help="[default: .png]")
+@click.option("--suffix", type=OneOf((".png", ".svg", ".pdf")), default=".png", help=".png .svg .pdf  [default: .png]")
 @click.option("--dark", is_flag=True, help="Light words on a dark page")
 @click.option("--scale", type=int, default=1, help="Pixels for each, across, 1 to 4: 2 for a projector  [default: 1]")
 @with_json

@@ -41,7 +41,7 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
     meant = [o for o in options if word.lower().startswith("no") or not re.match("No[A-Z]", o)]
     lower = {option.lower(): option for option in meant}
     near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
-    short = ", ".join(option for option in options if "." not in option and "*" not in option)
+    short = ", ".join(option for option in options if "." not in option[1:] and "*" not in option)
     return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {short}."
 
 

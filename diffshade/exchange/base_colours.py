@@ -68,10 +68,11 @@ class ColourPicture(NamedTuple):
         name = self.uri.replace("\\", "/")  # as MTL of Windows has it
         try:
             return beside(name, self.source.parent, "picture")
-        except ValueError:
-            if not (path := self.source.parent / name.rpartition("/")[2]).is_file():
-                raise
-            return path
+        except ValueError as error:
+            try:
+                return beside(name.rpartition("/")[2], self.source.parent, "picture")
+            except ValueError:
+                raise error from None
 
     def read(self) -> bytes:
         """Return its bytes.
@@ -150,6 +151,13 @@ class Look:
 
     def __init__(self, material: Material, base: BaseColour, texels: Float[np.ndarray, "h w 4"] | None = None):
         self.material, self.base, self._texels = material, base, texels
+
+    def is_of(self, path: Path) -> bool:
+        """Whether its picture is the file at a path."""
+        picture = self.base.picture
+        if self._texels is None or picture is None or picture.is_packed:
+            return False
+        return path.exists() and path.samefile(picture.file())
 
     def colour(self, look: Float[np.ndarray, "*s 6"]) -> Float[np.ndarray, "*s 4"]:
         """Return the colour and alpha at points of these looks."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..core.thresholds import MOST
 from ..io.files import replacing
-from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture
-from .names import words
+from .base_colours import CLAMP, MIRROR, REPEAT, STARTS, BaseColour, ColourPicture
+from .names import identifiers
 
 MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
 GLTF_WRAPS = {REPEAT: 10497, CLAMP: 33071, MIRROR: 33648}  # as OpenGL numbers them
@@ -38,7 +38,7 @@ def carried(bases: Mapping[str, BaseColour], path: Path, *, packs: bool) -> Carr
     found: dict[str, BaseColour] = {}
     copies: dict[Path, bytes] = {}
     notes: list[str] = []
-    for (name, base), word in zip(bases.items(), words(bases).values(), strict=True):
+    for (name, base), word in zip(bases.items(), identifiers(bases).values(), strict=True):
         picture = base.picture
         if picture is None:
             continue
@@ -63,13 +63,15 @@ def _name(picture: ColourPicture, path: Path, word: str, copies: dict[Path, byte
     data = picture.read()
     if same := [there.name for there, copied in copies.items() if copied == data]:
         return same[0]
-    last = f"{path.stem}_{word}{picture.suffix}"
-    if not picture.is_packed and safe:
-        own = path.parent / picture.file().name
-        if own not in copies and (not own.exists() or own.read_bytes() == data):
-            last = own.name
-    copies[path.parent / last] = data
-    return last
+    if picture.is_packed and picture.suffix not in STARTS.values():
+        raise ValueError("the picture that it holds is no PNG, JPEG, WebP or BMP.")
+    own = [picture.file().name] if not picture.is_packed and safe else []
+    for last in (*own, *(f"{path.stem}_{word}{more}{picture.suffix}" for more in ("", *range(2, 1000)))):
+        there = path.parent / last
+        if there not in copies and (not there.exists() or (there.is_file() and there.read_bytes() == data)):
+            copies[there] = data  # no file of the user's is replaced
+            return last
+    raise ValueError(f"no name is free for its picture in {path.parent}.")
 
 
 def _reaches(picture: ColourPicture, path: Path) -> bool:
@@ -179,6 +181,7 @@ def into_three(tables: list[dict[str, Any]], bases: Mapping[str, BaseColour]) ->
         }
         textures.append(texture)
         table["emissiveMap" if "k_e" in base.fields else "map"] = texture["uuid"]
+        table |= {"emissiveMap": texture["uuid"]} if "k_a" in base.fields else {}  # which stands for ambient light
         table |= {"alphaTest": base.cutoff} if base.cutoff is not None else {}
         table |= {"transparent": True} if base.blends else {}
     return {"textures": textures, "images": images} if images else {}

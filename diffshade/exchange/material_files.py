@@ -104,7 +104,7 @@ def write_material(
 
 def write_textured(
     path: str | Path,
-    named: Mapping[str, Material],
+    named: Mapping[str, Any],
     bases: Mapping[str, BaseColour],
     lights: Sequence[AbstractLight] = (),
 ) -> Exported:

@@ -94,19 +94,25 @@ def _looks_of(given: str | Path, *, strict: bool = True) -> dict[str, Look]:
             try:
                 key = base.picture.uri, base.picture.image
                 texels = pictures[key] = pictures[key] if key in pictures else base.picture.texels()
-            except ValueError as error:
+            except (OSError, ValueError) as error:
                 _LOGGER.warning("%s: %s Its colour alone is drawn.", reading.at(name), error)
         found[name] = Look(material, base, texels)
     return found
 
 
-def objects_seen(path: str | Path, given: str | None = None) -> Callable[[AbstractCamera], list[Object]]:
+def objects_seen(
+    path: str | Path, given: str | None = None, out: Path | None = None
+) -> Callable[[AbstractCamera], list[Object]]:
     """Return what shows a mesh to any camera: in its own materials, faces without one grey.
 
+    `out`: what is to be written, which may be no picture of the materials.
     `given`: a file of materials, or the name of one, in place of its own. A single one is that of all faces; of several
     none may lack.
     """
     looks = _own_looks(path) if given is None else _looks_of(given)
+    for look in looks.values():
+        if out is not None and look.is_of(out):
+            raise ValueError(f"{out} is a picture of the materials of {path}. Give another name with -o.")
     if whole := given is not None and len(looks) == 1:
         looks = {"": next(iter(looks.values()))}
     shows = {name: look.shows for name, look in looks.items() if look.base.cutoff is not None}

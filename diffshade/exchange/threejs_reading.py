@@ -76,6 +76,8 @@ def _pictures(document: Any, source: Path) -> dict[str, ColourPicture]:
         urls = {f"{of.get('uuid')}": of.get("url") for of in _tables(table, "images")}
         for of in _tables(table, "textures"):
             try:
+                if of.get("rotation") or of.get("flipY") is False or of.get("channel"):
+                    continue
                 (u, v), (x, y), (wide, high) = (of.get(key, (usual,) * 2) for key, usual in _PLACED.items())
                 wrap, place = (WRAPS[u], WRAPS[v]), place_of((wide, 0.0, x), (0.0, high, 1.0 - high - y))  # v is up
                 uri, nearest = urls[of["image"]], of.get("magFilter") == 1003
@@ -139,7 +141,15 @@ def _add(
     picture = (pictures or {}).get(str(settings.get("map")))
     fields = ("k_e",) if kind == "MeshBasicMaterial" else ("k_d",)
     reading.base.setdefault(name, BaseColour())
-    reading.base[name] = reading.base[name]._replace(picture=picture, fields=fields)
+    cutoff = settings.get("alphaTest")
+    reading.base[name] = reading.base[name]._replace(
+        picture=picture,
+        fields=fields,
+        cutoff=float(cutoff) if isinstance(cutoff, int | float) and cutoff > 0 else None,
+        blends=settings.get("transparent") is True and not cutoff,
+    )
+    if settings.get("map") is not None and picture is None:
+        reading.note(name, "its map names no picture that is read; its colour alone is.")
 
 
 def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> Material:

@@ -56,7 +56,7 @@ def test_right_photographs_are_left_as_they_are(material):
 
 @pytest.mark.thorough
 def test_one_that_moved_leaves_the_others():
-    of = bumpy("texture", 12, 60.0)
+    of = bumpy("texture", 12, 60.0, off=1.0, cast=True)
     by = np.zeros((12, 2))
     by[4] = 0.0, -3.0
     views, shifts, (note,) = found_in(of.scene, moved(of, by))

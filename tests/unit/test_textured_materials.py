@@ -1,5 +1,6 @@
 """Material files with pictures: `convert` keeps them, and glass means the same in glTF as here."""
 
+import base64
 import itertools
 import json
 import os
@@ -161,3 +162,66 @@ def test_gltf_with_pictures_and_glass_is_valid(folder, converted):
         ds.exchange.write_material(folder / "out" / f"{i}.gltf", ds.Material(**given))
     for path in (folder / "out").glob("*.gltf"):
         assert_valid(path)
+
+
+def gltf_of(name, data):
+    packed = "data:image/png;base64," + base64.b64encode(data).decode()
+    base = {"baseColorTexture": {"index": 0}}
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "materials": [{"name": name, "pbrMetallicRoughness": base}],
+            "textures": [{"source": 0}],
+            "images": [{"uri": packed}],
+        }
+    )
+
+
+def test_no_name_of_a_material_leads_out_of_the_folder_and_no_file_is_replaced(folder, converted):
+    (folder / "profile.png").write_bytes(b"mine")
+    (folder / "out" / "b_wall.png").write_bytes(b"mine too")
+    picture = made.pictures()["many"].png()
+    for stem, name, data in (("a", "/../../profile", picture), ("b", "wall", picture), ("c", "bad", b"echo owned")):
+        (folder / "in" / f"{stem}.gltf").write_text(gltf_of(name, data))
+        said = converted(folder / "in" / f"{stem}.gltf", folder / "out" / f"{stem}.mtl")
+        assert ("no PNG, JPEG, WebP or BMP" in said) == (stem == "c")
+    assert (folder / "profile.png").read_bytes() == b"mine"
+    assert (folder / "out" / "b_wall.png").read_bytes() == b"mine too"
+    assert (folder / "out" / "b_wall2.png").read_bytes() == picture
+    assert sorted(os.listdir(folder / "out")) == [
+        "a.mtl",
+        "a_profile.png",
+        "b.mtl",
+        "b_wall.png",
+        "b_wall2.png",
+        "c.mtl",
+    ]
+    assert sorted(os.listdir(folder)) == ["in", "out", "profile.png"]
+
+
+def test_a_link_leads_nowhere(folder, converted):
+    (folder / "secret").write_bytes(b"secret")
+    (folder / "in" / "tile.png").unlink()
+    (folder / "in" / "tile.png").symlink_to(folder / "secret")
+    assert "there is no picture 'tile.png' in its folder" in converted(
+        folder / "in" / "a.mtl", folder / "out" / "c.gltf"
+    )
+    assert os.listdir(folder / "out") == ["c.gltf"]
+
+
+def test_clear_points_come_back_from_three_js(folder, converted):
+    made.write(folder / "in" / "m.glb", metallic=0.0)
+    converted(folder / "in" / "m.glb", folder / "out" / "m.json")
+    found = bases(folder / "out" / "m.json")
+    assert (found["mask"].cutoff, found["blend"].blends) == (0.3, True)
+
+
+def test_a_render_never_replaces_a_picture_of_its_mesh(folder, capfd):
+    (folder / "in" / "tile.obj").write_text(
+        "mtllib a.mtl\nusemtl wall\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    )
+    before = (folder / "in" / "tile.png").read_bytes()
+    with pytest.raises(SystemExit):
+        main(["render", str(folder / "in" / "tile.obj"), "--size", "16x16"])
+    assert "is a picture of the materials" in capfd.readouterr().err
+    assert (folder / "in" / "tile.png").read_bytes() == before

@@ -114,8 +114,8 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
 
     The errors are those of the unknowns along the posterior of all amounts, and the square of the move by the likeliest
     ones is added: the values themselves stay. Faults are looked at where the fit is, and where this leads; the larger
-    errors count, so that they contain how far a change to first order can be trusted. They contain too how far a fault
-    moves the values that is none of the likeliest and alone explains nearly as much.
+    errors count, so that they contain how far a change to first order can be trusted. Where none of the faults that are
+    named is among the likeliest, which have no name, the errors contain the moves of the named ones too.
     """
     set_up, fit = at.set_up, at.set_up.fit
     # an unknown at a physical bound, 0, is free beyond it here; one at another bound is a fault of its own
@@ -129,8 +129,9 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
     there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
     errors = [_errors(look, found) for look in (first, _look(there, faults, inside))]
-    moves = [np.abs(f.moves) for f in found if first.is_instead(f)]
-    return Explained(found, np.max([*errors, *moves], 0), of_noise, _like_gamma(first))
+    named = [f for f in found if not f.fault.unnamed]
+    instead = [np.abs(f.moves) for f in named] if all(first.is_instead(f) for f in named) else []
+    return Explained(found, np.max([*errors, *instead], 0), of_noise, _like_gamma(first))
 
 
 def _errors(look: _Look, found: Sequence[Found]) -> Vector:
