@@ -118,8 +118,8 @@ def _polar(axes: Any, lamp: MeasuredLight) -> None:
 def _plane(figure: Any, axes: Any, shown: PlaneLight, distance: float, unit: str) -> None:
     name = "lux" if unit == "cd" else f"{unit.removesuffix('/sr')} per unit of area"
     ends = (shown.across[0], shown.across[-1]) * 2
-    image = axes.imshow(shown.light, cmap="inferno", extent=ends)
     top = float(shown.light.max())
+    image = axes.imshow(shown.light, cmap="inferno", extent=ends, vmax=top or 1.0)
     levels = _round_numbers(float(shown.light.min()), top)
     if levels:
         lines = axes.contour(shown.across, shown.across[::-1], shown.light, levels, colors="white", linewidths=0.7)
