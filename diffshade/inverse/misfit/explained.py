@@ -82,8 +82,8 @@ class _Look:
 
     def is_instead(self, found: Found) -> bool:
         """Whether a fault is none of those that explain the residuals best together, but alone explains them nearly."""
-        (k,) = [k for k, one in enumerate(self.candidates) if (one.fault, one.case.which) == (found.fault, found.which)]
-        return not self.of.active[k] and not self.candidates[k].case.known
+        own = [(one.fault, one.case.which) == (found.fault, found.which) for one in self.candidates]
+        return not any(self.of.active[k] or self.candidates[k].case.known for k in np.flatnonzero(own))
 
     def found(self, one: _Candidate, amount: Float[np.ndarray, " of"], gain: float) -> Found:
         """Return a candidate as a fault of an amount that explains so much of the squares."""
