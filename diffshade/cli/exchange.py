@@ -34,9 +34,8 @@ def convert(
 
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
     glTF 2.0, .toml a diffshade scene. All materials of FROM are written, or the one of --name, with the pictures of
-    their base colours (.mtl, .gltf, .json). From a folder of maps: a
-    mesh as .glb, .gltf, .json (three.js), .obj, .ply; what viewers show under any light as .ptm (RTIViewer) or, without
-    a suffix, a folder (Relight, OpenLIME).
+    their base colours (.mtl, .gltf, .json). From a folder of maps: a mesh as .glb, .gltf, .json (three.js), .obj, .ply;
+    what viewers show under any light as .ptm (RTIViewer) or, without a suffix, a folder (Relight, OpenLIME).
 
     They look the same there: if that program shades differently, a material is refitted, and the remaining error is
     printed and written to the file.

@@ -4,9 +4,8 @@
 `read_materials` and `read_lights` read all that a file holds. `with_lobe` finds the nearest material with another lobe,
 and `material_error` says how far a named material is from its measurement. `read_mesh` and `read_mesh_parts` give what
 a camera sees of a mesh, `read_mesh_objects` in the materials and textures of its file, and `frame_mesh` a camera that
-sees it whole; `write_mesh` writes the mesh of heights with its
-maps. `write_rti` writes maps as a folder or `.ptm` file for viewers of relightable images; `read_rti` reads one, and
-`photographs_of` makes photographs of it.
+sees it whole; `write_mesh` writes the mesh of heights with its maps. `write_rti` writes maps as a folder or `.ptm` file
+for viewers of relightable images; `read_rti` reads one, and `photographs_of` makes photographs of it.
 """
 
 import lazy_loader

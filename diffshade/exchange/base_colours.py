@@ -17,8 +17,6 @@ from ..model.materials import Material
 
 STARTS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp", b"BM": ".bmp"}
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # what is beyond the edge of a picture
-
-
 RANGE = np.iinfo(np.int32).min, np.iinfo(np.int32).max  # of the index of a pixel
 Place = tuple[tuple[float, float, float], tuple[float, float, float]]
 

@@ -1,4 +1,4 @@
-"""Conventions: whether lights seem to be described in other axes, in another order than the photographs, or all as on.
+"""Conventions: whether lights seem to be in other axes or in another order than the photographs, or `lit=` left out.
 
 These are common where directions come from another program, and ruin every number. No first-order change of the scene
 leads from one convention to another: each is tried by a fit of some pixels. That all lights are on in every photograph,

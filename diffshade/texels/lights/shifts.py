@@ -92,7 +92,8 @@ def undone_shifts(
         shift, error, better = _found(pictures, directions_to(scene, used, middle_of(scene)))
     if (np.abs(shift) > MOST).any(1).mean() > MOST:  # none is where most are: the mask says where they belong
         shift = shift + _by_mask(pictures, shift)
-    # few views, highlights and bounced light imitate shifts: without these they fit at most 1.4 times worse
+    # highlights and bounced light imitate shifts: a photograph that did not move fits, held in place, at most 1.4 times
+    # worse
     told = (np.abs(shift) > np.maximum(RARE * error, MOST)).any(1) & (better > CLEARLY)
     if not told.any():
         return views, None, ()
