@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import compare_fits
@@ -16,8 +18,6 @@ import numpy as np
 import problem
 import shading
 import texels
-from rich.console import Console
-from rich.table import Table
 from timing import conditions, medians, ratio, take_turns
 
 import diffshade as ds
@@ -61,13 +61,11 @@ def main() -> None:
     print(conditions())
     for kind, furthest in FURTHEST.items():
         print(f"renders, {np.dtype(kind).name}: {_off(kind, furthest):.1e} from the CPU's at most, {furthest} allowed")
-    table = Table(title="GPU" if not rehearse else "rehearsal")
-    for heading in ("", "ms", "millions a second", "of the memory bound"):
-        table.add_column(heading, justify="left" if not heading else "right")
-    for what, seconds, items, share in [*_renders(sizes), *_fits(sizes), *_texels(sizes)]:
-        rate = items / seconds / 1e6
-        table.add_row(what, f"{1e3 * seconds:.2f}", f"{rate:.3g}", "" if share is None else f"{share:.2f}")
-    Console(width=110).print(table)
+    print(f"{'':50}{'ms':>10}{'millions a second':>20}{'of the memory bound':>22}")
+    # each line when it is known: a loan of a GPU may end at any time
+    for what, seconds, items, share in chain(_renders(sizes), _fits(sizes), _texels(sizes)):
+        bound = "" if share is None else f"{share:.2f}"
+        print(f"{what:50}{1e3 * seconds:10.2f}{items / seconds / 1e6:20.3g}{bound:>22}", flush=True)
 
 
 def _off(kind: type, furthest: float) -> float:
@@ -97,8 +95,7 @@ def _off(kind: type, furthest: float) -> float:
     return off
 
 
-def _renders(sizes: Sizes) -> list[Row]:
-    found = []
+def _renders(sizes: Sizes) -> Iterator[Row]:
     for size in sizes.renders:
         copied = shading.BYTES * size**2
         made = shading.forward(size, compiled=False)
@@ -106,16 +103,14 @@ def _renders(sizes: Sizes) -> list[Row]:
         rate = copied / medians(seconds)[shading.COPY]
         for name in (shading.CALL, shading.INSIDE):
             share = ratio(seconds, shading.COPY, name)
-            found.append(Row(f"{name}, {size} x {size}", medians(seconds)[name], size**2, share))
+            yield Row(f"{name}, {size} x {size}", medians(seconds)[name], size**2, share)
         gradient = take_turns({GRADIENT: shading.gradient(size, compiled=False)[GRADIENT]}, sizes.rounds)
         least = (25 + 12) * size**2 / rate  # the G-buffer and the target
         spent = medians(gradient)[GRADIENT]
-        found.append(Row(f"{GRADIENT}, {size} x {size}", spent, size**2, least / spent))
-    return found
+        yield Row(f"{GRADIENT}, {size} x {size}", spent, size**2, least / spent)
 
 
-def _fits(sizes: Sizes) -> list[Row]:
-    found = []
+def _fits(sizes: Sizes) -> Iterator[Row]:
     for size in sizes.fits:
         pixels, views = map(int, size.split("x"))
         made = problem.make(pixels, views)
@@ -126,8 +121,7 @@ def _fits(sizes: Sizes) -> list[Row]:
         copy = _copy_rate(PIXEL_OF_FIT * fit.counts.pixels)
         spent = medians(seconds)["fit"]
         share = PIXEL_OF_FIT * fit.counts.pixels / copy / spent
-        found.append(Row(f"ds.fit, {views} views of {pixels} x {pixels}", spent, fit.counts.pixels, share))
-    return found
+        yield Row(f"ds.fit, {views} views of {pixels} x {pixels}", spent, fit.counts.pixels, share)
 
 
 def _copy_rate(size: int) -> float:
@@ -137,15 +131,13 @@ def _copy_rate(size: int) -> float:
     return size / medians(take_turns({"copy": lambda: copy(source, 1.0)}, 5))["copy"]
 
 
-def _texels(sizes: Sizes) -> list[Row]:
-    found = []
+def _texels(sizes: Sizes) -> Iterator[Row]:
     for lights, channels in texels.CASES:
         p = texels.problem(lights, channels, sizes.blocks * texels.BLOCK)
         count = p.y.shape[-1]
         made = {texels.PROGRAM: texels.program(p), texels.CALL: lambda p=p: ds.fit_texels(p.scene, p.views)}
         for name, of in medians(take_turns(made, max(sizes.rounds // 5, 1))).items():
-            found.append(Row(f"{name}, {lights * channels} observations", of, count, None))
-    return found
+            yield Row(f"{name}, {lights * channels} observations", of, count, None)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,12 @@ QUICKLY = {
 PLAINLY = {"xla_cpu_use_fusion_emitters": False}
 # Programs that run once over all pixels compile in half the time with these; some run as fast, some take twice as long.
 SOONER = {"xla_backend_optimization_level": 1, "xla_cpu_use_fusion_emitters": False}
+AT_ONCE = 2**16  # pixels or texels that a GPU is given at once, all of whose cores start for each operation
+
+
+def at_once(of_cache: int) -> int:
+    """Return how many pixels or texels a program takes at once: as a core's cache holds, more on a GPU or TPU."""
+    return of_cache if jax.default_backend() == "cpu" else max(of_cache, AT_ONCE)
 
 
 @functools.cache

@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..core.backend import in_float64
+from ..core.backend import at_once, in_float64
 from ..core.fields import Array
 from ..inverse.data.samples import SensorRange, kept, not_finite, top_of, top_of_view
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import View, is_grey
 from ..inverse.forward.rendered import projection_of
+from ..inverse.pixels.blocks import BLOCK as PIXELS_OF_BLOCK
 from ..io.lazy_images import LazyImage
 from ..model.cameras import Projection
 from ..model.gbuffers import GBuffer
@@ -28,7 +29,7 @@ from .prediction import Observations
 
 SAMPLED_ROWS = 64  # rows from which a sample of texels is taken
 MAX_OF_ROW = 4  # times its even share that a row may have of a sample
-BLOCK = 4096  # texels in one call of a compiled program at most: what a view needs of them stays in a core's cache
+BLOCK = 2 * PIXELS_OF_BLOCK  # texels in one call of a compiled program at most, but for a GPU
 MIN_BLOCK = 64
 LEARNING_SAMPLE = 2048  # texels from which is learned what all of an object share
 SQUARE = 16  # side of a square of the image over which the directions to near lamps may be taken as one
@@ -187,7 +188,7 @@ class ViewReader:
             which: Indices of the texels; by default all.
         """
         index = np.arange(len(tile.pixels)) if which is None else which
-        size = min(BLOCK, max(MIN_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
+        size = min(at_once(BLOCK), max(MIN_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
         starts = range(0, len(index), size)
         return [TexelPart(tile, index[start : start + size], size, log_n_s) for start in starts]
 

@@ -278,6 +278,7 @@ def test_only_one_opaque_g_buffer_under_one_light_is_shaded_at_once(monkeypatch)
     seen = ds.intersect(ds.Scene(BALL), camera)
     asked = []
     monkeypatch.setattr(rendering, "FEW", 40)
+    monkeypatch.setattr(jax, "default_backend", lambda: "cpu")  # elsewhere no picture is drawn by rows
     monkeypatch.setattr(rendering, "_render", lambda *_, by_rows, **__: asked.append(by_rows))
     item, clear = ds.Object(seen, ds.Material(k_d=0.5)), ds.Object(seen, ds.Material(k_d=0.5, k_t=0.5))
     for objects, lamps in (

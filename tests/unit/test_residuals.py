@@ -19,6 +19,7 @@ from refusals import refuses
 from synthetic import seen_by, standard_scene
 
 import diffshade as ds
+from diffshade.core import backend
 from diffshade.inverse.data.samples import Samples, SensorRange, find_samples
 from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.data.views import is_grey
@@ -30,7 +31,7 @@ from diffshade.inverse.problem import PART, fit_problem
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.io.lazy_images import LazyImage
 from diffshade.parallel.threads import on_all_cores
-from diffshade.texels.tiles import ViewReader
+from diffshade.texels.tiles import TexelTile, ViewReader
 
 BALL = ds.Scene(ds.Object(ds.Sphere()), [ds.PointLight((2, 3, 4))])
 SILHOUETTE = (6, 5)  # a pixel on the ball in SMALL
@@ -359,6 +360,23 @@ def test_the_blocks_of_many_views_are_hardly_padded():
         size = block_size([n] * 200)
         assert -(-n // size) * size <= 1.14 * n, n
         assert size <= 1.5 * blocks.BLOCK
+
+
+def tile_of(texels: int) -> TexelTile:
+    black = np.zeros((1, 1, texels))
+    return TexelTile(np.arange(texels), np.zeros((texels, 3)), None, black, black[0].astype(bool))
+
+
+def test_a_gpu_is_given_more_at_once_and_finds_the_same(monkeypatch):
+    scene, camera = standard_scene(), ds.Camera((0, 0, 4), fov=32, shape=(96, 96))
+    view = ds.View(np.asarray(ds.render(scene, camera)), camera)
+    here = ds.fit(scene, view, free=("k_d", "n_s"))
+    monkeypatch.setattr(backend.jax, "default_backend", lambda: "gpu")
+    there = ds.fit(scene, view, free=("k_d", "n_s"))
+    assert there.solved.problem.block_size > 1.5 * blocks.BLOCK
+    np.testing.assert_allclose(there.values, here.values, rtol=1e-9)
+    assert block_size([2**20]) == backend.AT_ONCE
+    assert ViewReader(scene, [view, view]).pieces(tile_of(5000), np.zeros((2, 5000)))[0].size == 8192
 
 
 def shared_problem(views: list, lights: int, free: str, **options) -> tuple:

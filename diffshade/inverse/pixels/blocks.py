@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
+from ...core.backend import at_once
 from ...core.fields import Array
 from ..data.samples import MIN_PIXELS, Samples
 
@@ -77,11 +78,11 @@ def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
 def block_size(pixels: Sequence[int], places: int = 1) -> int:
     """Return how many pixels a block holds, given those of each view; `places` is at how many each is rendered.
 
-    It is `BLOCK` where views are large, and a power of two where all of them together are small: few sizes serve, so
-    that another mask seldom needs another program. Between these a block is chosen by the size of a view, up to half as
-    large again, so that little of it is padded.
+    It is `BLOCK` where views are large, more on a GPU, and a power of two where all of them together are small: few
+    sizes serve, so that another mask seldom needs another program. Between these a block is chosen by the size of a
+    view, up to half as large again, so that little of it is padded.
     """
-    mean, most = max(sum(pixels) / len(pixels), 1.0), BLOCK // places
+    mean, most = max(sum(pixels) / len(pixels), 1.0), at_once(BLOCK) // places
     if mean > LARGE * most:
         return most
     if sum(pixels) <= MANY:
