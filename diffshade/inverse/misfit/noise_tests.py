@@ -16,7 +16,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from scipy import special
 
 from ...core.backend import PLAINLY, jit_quickly
@@ -24,7 +24,7 @@ from ...core.fields import Array
 from ...parallel.threads import on_all_cores
 from ..forward.interface import AbstractForwardModel
 from ..laid_out import LaidOut
-from ..pixels.blocks import Block
+from ..pixels.blocks import MANY, Block, total
 from ..pixels.blocks import chunks as in_chunks
 
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
@@ -36,22 +36,27 @@ class Footprint:
     """Where the pixels of a view are; views of one camera that show the same share it."""
 
     def __init__(self, pixels: Int[np.ndarray, " n"], width: int):
-        """Find the cell of each pixel, and which pixels have four neighbours."""
-        row, column = pixels // width, pixels % width
-        self.cell = _cell(row) * CELLS + _cell(column)
-        row, column = row - row.min(), column - column.min()
-        self.shape = int(row.max()) + 1, int(column.max()) + 1
+        """Find the cell of each pixel, in ascending order, and which pixels have four neighbours."""
+        row = pixels // width
+        column = pixels - row * width
+        row, column = row - row.min() + 1, column - column.min() + 1
+        self.shape = int(row.max()) + 2, int(column.max()) + 2
+        of_row, of_column = (np.arange(-1, size - 1) * CELLS // (size - 2) for size in self.shape)
+        self.cell = (of_row * CELLS)[row] + of_column[column]
         self.at = row * self.shape[1] + column
-        inside = np.zeros(self.shape, bool)
-        inside.flat[self.at] = True
-        middle = inside[1:-1, 1:-1] & inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
-        self.inner = np.flatnonzero(np.pad(middle, 1)) if middle.size else np.zeros(0, int)
+        inside = self.rows_of(np.ones(len(pixels), bool), 0, self.shape[0])
+        self.middle = inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
 
-    def image(self, of: Float[np.ndarray, " n"]) -> Float[np.ndarray, " _"]:
-        """Return a picture of the pixels, 0 elsewhere, flattened."""
-        found = np.zeros(self.shape[0] * self.shape[1])
-        found[self.at] = of
-        return found
+    def pixels_of(self, first: int, last: int) -> slice:
+        """Return the pixels of the rows from `first` up to, not including, `last`; row 0 is above the first pixel."""
+        return slice(*np.searchsorted(self.at, (first * self.shape[1], last * self.shape[1])))
+
+    def rows_of(self, of: Shaped[np.ndarray, " n"], first: int, last: int) -> Shaped[np.ndarray, "h w"]:
+        """Return some rows of a picture of the pixels, with a border on each side; 0 or false beside the object."""
+        part, width = self.pixels_of(first, last), self.shape[1]
+        found = np.zeros((last - first) * width, of.dtype)
+        found[self.at[part] - first * width] = of[part]
+        return found.reshape(-1, width)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,45 +135,50 @@ def _all_sums(view: Leftover) -> list[Sums]:
 
     The last are the sums of the squares by brightness, less their mean, and of the squares of these.
     """
-    z, at = view.residual, view.shown
-    squares, bins = z**2, _bins(view)
-    fine = [np.bincount(at.cell, of, CELLS**2) for of in (z, squares)]
+    z, light, at = view.residual, view.light, view.shown
+    some = light[:: max(len(light) // 1024, 1)]
+    edges = np.quantile(some, np.arange(1, BINS) / BINS)
+
+    def of_band(first: int) -> list[np.ndarray]:
+        last = min(first + rows, at.shape[0] - 2)
+        part = at.pixels_of(first + 1, last + 1)
+        residual, cell, bins = z[part], at.cell[part], np.searchsorted(edges, light[part])
+        squares = residual * residual
+        over_cells = [np.bincount(cell, of, CELLS**2) for of in (residual, squares)]
+        over_bins = [np.bincount(bins, of, BINS) for of in (residual, squares)]
+        looks = _looks(at.middle[first:last], at.rows_of(z, first, last + 2), at.rows_of(light, first, last + 2))
+        return [*over_cells, *over_bins, np.bincount(bins, minlength=BINS), np.sum(squares**2, keepdims=True), looks]
+
+    rows = max(MANY // at.shape[1], 1)  # what a band needs stays in a core's cache
+    *fine, of_bins, squares, count, fourth, looks = total(on_all_cores(of_band, range(0, at.shape[0] - 2, rows)))
     found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
-    of_bins = [np.bincount(bins, of, BINS) for of in (z, squares)]
-    found.append((of_bins[0], of_bins[1]))
-    residual, light, width, inner = at.image(z), at.image(view.light), at.shape[1], at.inner
-    here, down, up, right, left = (light[inner + step] for step in (0, width, -width, 1, -1))
-    own, vertical, horizontal = residual[inner], down + up, right + left
-    for looks in (down - up, right - left, vertical + horizontal - 4.0 * here):
-        found.append(_sum(own * looks))
-    beside = residual[1:] * residual[:-1], residual[width:] * residual[:-width]  # 0 beside the object
-    (a, b), (c, d) = map(_sum, beside)
-    found.append((a + c, b + d))
-    count, mean = np.bincount(bins, minlength=BINS), float(squares.mean())
-    found.append((of_bins[1] - count * mean, count * (float(squares @ squares) / len(z) - mean**2)))
+    found += [(of_bins, squares), *((of[:1], of[1:]) for of in looks)]
+    mean = float(squares.sum()) / len(z)
+    found.append((squares - count * mean, count * (fourth / len(z) - mean**2)))
     return found
 
 
-def _sum(products: Float[np.ndarray, " n"]) -> Sums:
-    return products.sum(keepdims=True), np.array([products @ products])
+def _looks(
+    middle: Bool[np.ndarray, "h w"], residual: Float[np.ndarray, "h+2 w+2"], light: Float[np.ndarray, "h+2 w+2"]
+) -> Float[np.ndarray, "looks 2"]:
+    """Return sums of residuals times gradient, curvature and neighbours, and of the squares of these products.
 
-
-def _cell(index: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return which of `CELLS` equal parts of its range each index is in."""
-    first = int(index.min())
-    return (index - first) * CELLS // (int(index.max()) + 1 - first)
+    The pictures have one more pixel on each side.
+    """
+    own = residual[1:-1, 1:-1]
+    inner = own * middle
+    down, up, right, left = light[2:, 1:-1], light[:-2, 1:-1], light[1:-1, 2:], light[1:-1, :-2]
+    curvature = down + up + right + left - 4.0 * light[1:-1, 1:-1]
+    above, beside = own * residual[:-2, 1:-1], own * residual[1:-1, :-2]
+    products = inner * (down - up), inner * (right - left), inner * curvature, above, beside
+    *looks, (a, b), (c, d) = ((of.sum(), np.einsum("ij,ij", of, of)) for of in products)
+    return np.array([*looks, (a + c, b + d)])
 
 
 def _joined(fine: Sequence[np.ndarray], side: int) -> Sums:
     """Return sums over cells joined to larger ones of so many on a side."""
     a, b = (of.reshape(CELLS // side, side, CELLS // side, side).sum((1, 3)).ravel() for of in fine)
     return a, b
-
-
-def _bins(view: Leftover) -> Int[np.ndarray, " n"]:
-    """Return the bin of each pixel by its brightness."""
-    some = view.light[:: max(len(view.light) // 1024, 1)]
-    return np.searchsorted(np.quantile(some, np.arange(1, BINS) / BINS), view.light)
 
 
 def _p_values(of_views: Sequence[Sums]) -> list[float]:
