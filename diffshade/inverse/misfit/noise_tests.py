@@ -44,12 +44,13 @@ class Footprint:
         of_row, of_column = (np.arange(-1, size - 1) * CELLS // (size - 2) for size in self.shape)
         self.cell = (of_row * CELLS)[row] + of_column[column]
         self.at = row * self.shape[1] + column
+        self.first = np.searchsorted(row, np.arange(self.shape[0] + 1, dtype=row.dtype))  # pixel of each row
         inside = self.rows_of(np.ones(len(pixels), bool), 0, self.shape[0])
         self.middle = inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
 
     def pixels_of(self, first: int, last: int) -> slice:
         """Return the pixels of the rows from `first` up to, not including, `last`; row 0 is above the first pixel."""
-        return slice(*np.searchsorted(self.at, (first * self.shape[1], last * self.shape[1])))
+        return slice(self.first[first], self.first[last])
 
     def rows_of(self, of: Shaped[np.ndarray, " n"], first: int, last: int) -> Shaped[np.ndarray, "h w"]:
         """Return some rows of a picture of the pixels, with a border on each side; 0 or false beside the object."""
