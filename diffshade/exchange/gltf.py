@@ -11,7 +11,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +18,7 @@ from scipy.optimize import least_squares
 
 from ..core.fields import in_short
 from ..core.thresholds import SINGLE, TINY
-from ..io.gltf_files import base_texture, material_names
+from ..io.gltf_files import base_texture, material_names, name_of
 from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import INDEX, Material
@@ -233,7 +232,7 @@ def _base(row: dict[str, Any], alpha: float, name: str, reading: Reading, docume
     try:
         return base._replace(picture=_picture(texture, document, Path(reading.where)))
     except (AttributeError, IndexError, KeyError, TypeError, ValueError):
-        reading.note(name, "its base colour names no PNG, JPEG or WebP; its colour alone is read.")
+        reading.note(name, "the texture of its base colour leads to no picture that is read; the colour alone is read.")
         return base
 
 
@@ -247,10 +246,8 @@ def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) ->
     c, s = np.cos(turn), np.sin(turn)
     wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
     place = place_of((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
-    uri = document["images"][index].get("uri", "")
-    return ColourPicture(
-        source, uri if uri.startswith("data:") else unquote(uri), index, wrap, sampler.get("magFilter") == 9728, place
-    )
+    uri = name_of(document["images"][index].get("uri", ""))
+    return ColourPicture(source, uri, index, wrap, sampler.get("magFilter") == 9728, place)
 
 
 def _alpha(row: dict[str, Any], alpha: float, name: str, reading: Reading) -> float:

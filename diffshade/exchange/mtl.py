@@ -49,6 +49,7 @@ UNUSED = {
     "sharpness": "that of mirror images",
 }
 ONE = {"1", "1.0", "1.000000"}  # as Blender 2.4 to 4.2 write it
+BY_DIFFSHADE = comment((), "#").strip()
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
 ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
@@ -112,13 +113,32 @@ def read_mtl(text: str, where: str) -> Reading:
         raise ValueError(f"{where} has no newmtl line, hence no material. Give an MTL file.")
     if before:
         reading.note("", f"what stands before the first newmtl line is not read: {_some(before)}.")
-    from_blender = text.lstrip("\ufeff \r\n").startswith("# Blender")
+    idle = _idle_ambient(text.lstrip("\ufeff \r\n"), found)
     for name, rows in found.items():
-        if from_blender and "Ka" in rows and ONE.issuperset(rows["Ka"]):
+        if idle and _is_white(rows, "Ka"):
             del rows["Ka"]
-            reading.note(name, "Blender has no ambient light, and writes Ka 1 1 1 all the same; it is not read.")
+            reading.note(name, f"{idle}; it is not read.")
         reading.add(name, lambda rows=rows, name=name: _read(rows, name, reading))
     return reading
+
+
+def _idle_ambient(text: str, found: Mapping[str, Mapping[str, list[str]]]) -> str:
+    """Return why Ka 1 1 1 is no statement of a file, or "".
+
+    Exporters write it where they know nothing of ambient light. No one means white ambient reflection of every
+    material, be it red or blue; white of white, or of a map, may be meant.
+    """
+    if text.startswith("# Blender"):
+        return "Blender has no ambient light, and writes Ka 1 1 1 all the same"
+    plain = all(_is_white(rows, "Ka") and not any(key.lower() == "map_ka" for key in rows) for rows in found.values())
+    colourless = all(_is_white(rows, "Kd") or "Kd" not in rows for rows in found.values())
+    if text.startswith(BY_DIFFSHADE) or colourless or not plain:
+        return ""
+    return "Ka 1 1 1 of every material, whatever its Kd, is what exporters write that know no ambient light"
+
+
+def _is_white(rows: Mapping[str, list[str]], key: str) -> bool:
+    return key in rows and ONE.issuperset(rows[key])
 
 
 def _some(keys: list[str]) -> str:
