@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from ..core.fields import Array
+from ..core.thresholds import MOST
 from ..io.encodings import srgb_decode
 from ..io.gltf_files import beside, data_bytes, picture_bytes
 from ..io.images import as_fractions, load_stored
@@ -183,6 +184,11 @@ class BaseColour(NamedTuple):
     """Alpha from which a point is there at all; None: every point is."""
     blends: bool = False
     """Whether 1 - alpha of the light passes."""
+
+    @property
+    def is_metal(self) -> bool:
+        """Whether the colour is that of the highlights above all."""
+        return self.fields == ("k_d",) and bool(np.all(np.asarray(self.metal) > MOST))
 
 
 class Look:

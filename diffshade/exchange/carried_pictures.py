@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.thresholds import MOST
 from ..core.words import listing
 from ..io.files import replacing
 from ..io.gltf_files import uri_of
@@ -108,14 +107,14 @@ def write_copies(copies: Mapping[Path, bytes]) -> None:
 
 
 def notes_on_base(
-    base: BaseColour | None, program: str, *, turns: bool, mirrors: bool, alpha: bool = True
+    base: BaseColour | None, program: str, *, turns: bool, mirrors: bool, metals: bool = True, alpha: bool = True
 ) -> list[str]:
     """Return notes on what a program does otherwise with a picture."""
     if base is None or base.picture is None:
         return []
     notes = []
-    if base.fields == ("k_d",) and np.all(np.asarray(base.metal) > MOST):
-        notes.append(f"its picture colours the highlight of a metal; {program} gets it for k_d, which is 0.")
+    if base.is_metal and not metals:
+        notes.append(f"its picture colours a metal's highlight, which {program} has of one colour: it is hardly seen.")
     if not turns and _parts(base.picture)[2]:
         notes.append(f"{program} does not turn pictures: the turn of its picture is not written.")
     if not alpha and (base.blends or base.cutoff is not None):
@@ -144,12 +143,13 @@ def rows_of_mtl(base: BaseColour | None) -> dict[str, str]:
     options += f"-s {wide!r} {high!r} 1 " if (wide, high) != (1, 1) else ""
     options += f"-o {x!r} {y!r} 0 " if (x, y) != (0, 0) else ""
     keys = {"k_d": "map_Kd", "k_a": "map_Ka", "k_e": "map_Ke"}
-    return {keys[field]: options + picture.uri for field in base.fields if field in keys}
+    named = [keys[field] for field in base.fields if field in keys] + ["map_Ks"] * base.is_metal
+    return dict.fromkeys(named, options + picture.uri)
 
 
 def into_gltf(document: dict[str, Any], bases: Mapping[str, BaseColour]) -> None:
     """Add the pictures of materials to the document of a glTF file."""
-    images, samplers, textures = [], [], []
+    images, samplers, textures, transforms = [], [], [], False
     for row in document["materials"]:
         base = bases.get(row["name"])
         if base is None or (picture := base.picture) is None:
@@ -162,15 +162,24 @@ def into_gltf(document: dict[str, Any], bases: Mapping[str, BaseColour]) -> None
             wide, high, turn = _parts(picture)
             placed = {"offset": [of[2] for of in picture.place], "rotation": turn, "scale": [wide, high]}
             info["extensions"] = {"KHR_texture_transform": placed}
-            document["extensionsUsed"] = sorted({*document["extensionsUsed"], "KHR_texture_transform"})
-        if "k_e" in base.fields:
+            transforms = True
+        extensions, pbr = row["extensions"], row["pbrMetallicRoughness"]
+        if "k_e" not in base.fields:
+            pbr["baseColorTexture"] = info
+        elif any(pbr["baseColorFactor"][:3]) or extensions != {"KHR_materials_specular": {"specularFactor": 0.0}}:
             row["emissiveTexture"] = info
-        else:
-            row["pbrMetallicRoughness"]["baseColorTexture"] = info
+        else:  # emission alone
+            colour = [*row.pop("emissiveFactor"), pbr["baseColorFactor"][3]]
+            row["pbrMetallicRoughness"] = {"baseColorFactor": colour, "baseColorTexture": info}
+            row["extensions"] = {"KHR_materials_unlit": {}}
+        if base.is_metal and "specularColorFactor" in extensions["KHR_materials_specular"]:
+            extensions["KHR_materials_specular"]["specularColorTexture"] = info
         if base.cutoff is not None:
             row |= {"alphaMode": "MASK", "alphaCutoff": base.cutoff}
         elif base.blends:
             row["alphaMode"] = "BLEND"
+    used = {name for row in document["materials"] for name in row["extensions"]}
+    document["extensionsUsed"] = sorted(used | ({"KHR_texture_transform"} if transforms else set()))
     document |= {"images": images, "samplers": samplers, "textures": textures} if images else {}
 
 
@@ -196,7 +205,11 @@ def into_three(tables: list[dict[str, Any]], bases: Mapping[str, BaseColour]) ->
             "flipY": True,
         }
         textures.append(texture)
-        table["emissiveMap" if "k_e" in base.fields else "map"] = texture["uuid"]
+        if "k_e" in base.fields and (table["color"], table["emissiveIntensity"]) == (0, 1) and "specular" not in table:
+            table |= {"type": "MeshBasicMaterial", "color": table.pop("emissive"), "map": texture["uuid"]}
+            del table["emissiveIntensity"]
+        else:
+            table["emissiveMap" if "k_e" in base.fields else "map"] = texture["uuid"]
         table |= {"emissiveMap": texture["uuid"]} if "k_a" in base.fields else {}  # which stands for ambient light
         table |= {"alphaTest": base.cutoff} if base.cutoff is not None else {}
         table |= {"transparent": True} if base.blends else {}

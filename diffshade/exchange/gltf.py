@@ -70,16 +70,15 @@ def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
 
 def write_gltf(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return a glTF file with materials only."""
-    drafts, rows, extensions = {}, [], set()
+    drafts, rows = {}, []
     for name, material in materials.items():
         row, draft = _written(name, material, lights)
         on_base = notes_on_base((bases or {}).get(name), "glTF", turns=True, mirrors=True)
         drafts[name] = draft._replace(notes=(*draft.notes, *on_base))
         rows.append(row)
-        extensions |= set(row["extensions"])
     draft = together(drafts, "")
     asset = {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": draft.notes}}
-    document = {"asset": asset, "extensionsUsed": sorted(extensions), "materials": rows}
+    document: dict[str, Any] = {"asset": asset, "materials": rows}
     into_gltf(document, bases or {})
     return draft._replace(text=json.dumps(document, indent=2, ensure_ascii=False) + "\n")
 
@@ -212,7 +211,9 @@ def _read(row: Any, name: str, reading: Reading, document: dict[str, Any]) -> Ma
     edge = as_number(specular, "specularFactor", 1.0, at, most=1.0)
     dielectric = np.minimum(f0 * as_numbers(specular, "specularColorFactor", (1, 1, 1), 3, at), 1.0) * edge
     surface = surface_of(colour[:3], metallic, rough, dielectric, edge, coat=weight, coat_roughness=width)
-    reading.base[name] = reading.base[name]._replace(metal=metal_of(surface, colour[:3], metallic))
+    tints = base.picture is not None and specular.get("specularColorTexture") == base_texture(row)
+    metal = 1.0 if tints else metal_of(surface, colour[:3], metallic)
+    reading.base[name] = reading.base[name]._replace(metal=metal)
     if not through:
         return classic(surface, name, what_of(metallic, rough), reading, **given)
     left = np.maximum(1.0 - given["k_t"], TINY)  # times (1 - through) base, and times the highlight as it is there
@@ -302,4 +303,7 @@ def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
             if isinstance(value, dict) and len(tables) < MAX_TABLES:
                 found += [key] if key.endswith("Texture") else []
                 tables.append(value)
-    reading.note_maps(name, list(dict.fromkeys(found)), ("baseColorTexture", "diffuseTexture"))
+    specular = as_table(as_table(row.get("extensions")).get(f"{PREFIX}specular")).get("specularColorTexture")
+    tints = specular is not None and specular == base_texture(row)
+    own = ("baseColorTexture", "diffuseTexture", *["specularColorTexture"] * tints)
+    reading.note_maps(name, list(dict.fromkeys(found)), own)

@@ -28,7 +28,8 @@ from .readings import Reading
 MAX_N_S = 1000.0  # as the format has it
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
 MAPS = ("map_", "bump", "disp", "decal", "refl", "norm", "occlusion")
-BASE = ("map_kd", "map_ka")  # those of the base colour, where both are the same
+BASE = ("map_kd", "map_ka", "map_ks")  # those of the base colour, where they are the same
+GLOWS = "map_ke"  # that of the emission, where there is none of k_d
 # What the illumination models do beside the highlight, which is read. 0 to 2 do nothing more.
 ILLUM = {
     3: "mirrors what surrounds it",
@@ -168,9 +169,12 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
         reading.note(name, f"Ns {n_s:g} is below 0; it is read as 0, as programs clamp it.")
     illum = _illum(rows, one, name, reading)
     glass = _glass(rows, one, colour, illum, name, reading)
-    picture, of_ambient = (_picture(rows, name, reading, key) for key in BASE)
-    fields = ("k_d", "k_a") if picture is not None and picture == of_ambient else ("k_d",)
-    reading.base[name] = base = BaseColour(picture, ("k_e",) if illum == 0 else fields)
+    picture, *others = (_picture(rows, name, reading, key) for key in BASE)
+    of_ambient, of_highlight = (picture is not None and picture == other for other in others)
+    fields = ("k_e",) if illum == 0 else ("k_d", "k_a") if of_ambient else ("k_d",)
+    reading.base[name] = base = BaseColour(picture, fields, metal=float(of_highlight))
+    if picture is None and (glowing := _picture(rows, name, reading, GLOWS)) is not None:
+        reading.base[name] = base = BaseColour(glowing, ("k_e",))
     given: dict[str, Any] = {field: colour(key, 0.0) for key, field in COLOURS.items()}
     if "Kd" not in rows:
         given["k_d"] = [_without_colour(rows, name, reading)] * 3
@@ -277,7 +281,8 @@ def _note_the_rest(rows: Mapping[str, list[str]], name: str, reading: Reading) -
     maps = [key for key in rows if key.lower().startswith(MAPS)]
     if maps:
         of = {key.lower(): rows[key] for key in maps}
-        reading.note_maps(name, maps, [key for key in maps if key.lower() in BASE and rows[key] == of.get("map_kd")])
+        same = [key for key in maps if key.lower() in BASE and rows[key] == of.get("map_kd")]
+        reading.note_maps(name, maps, same or [key for key in maps if key.lower() == GLOWS])
     for key, meaning in UNUSED.items():
         if set("".join(rows.get(key, []))) - set("0.+-"):
             reading.note(name, f"{key}, {meaning}, is not modelled.")

@@ -105,6 +105,24 @@ def test_what_is_packed_stays_packed_where_a_format_can(folder, converted):
     assert pictures(folder / "out" / "m.mtl")["opaque"].read() == many
 
 
+def test_a_metal_and_what_has_no_light_keep_what_their_pictures_colour(folder, converted):
+    """The highlight, by specularColorTexture or map_Ks; the emission alone. three.js has highlights of one colour."""
+    made.write(folder / "in" / "m.glb")
+    for name in ("m.gltf", "m.mtl", "m.json"):
+        said = converted(folder / "in" / "m.glb", folder / "out" / name)
+        materials, found = read_textured(folder / "out" / name)
+        assert ("metal: its picture colours a metal's highlight" in said) == (name == "m.json")
+        assert found["metal"].is_metal == (name != "m.json")
+        assert found["unlit"].fields == ("k_e",)
+        assert found["unlit"].picture is not None
+        np.testing.assert_allclose(materials["unlit"].k_e, made.FACTOR[:3], atol=0.003)
+    (folder / "in" / "a.mtl").write_text("newmtl lit\nKd 0.5 0 0\nKe 1 1 1\nmap_Ke tile.png\n")
+    for name, key in (("e.gltf", "emissiveTexture"), ("e.json", "emissiveMap")):
+        converted(folder / "in" / "a.mtl", folder / "out" / name)
+        document = json.loads((folder / "out" / name).read_text())
+        assert key in (document["materials"][0] if name == "e.gltf" else document)
+
+
 @pytest.mark.parametrize("suffix", [".c", ".py", ".inc", ".js"])
 def test_formats_without_pictures_say_so(suffix, folder, converted):
     said = converted(folder / "in" / "a.mtl", folder / "out" / f"a{suffix}")
