@@ -134,8 +134,8 @@ def objects_seen(
     for name, look in chosen.items():
         if look.has_picture and (unplaced := parts[name].unplaced):
             some = "its" if unplaced == parts[name].triangles else f"{unplaced} of its {parts[name].triangles}"
-            whom = f"{short(name)}: " * bool(name)
-            _LOGGER.warning("%s: %s%s triangles have no texture coordinates, to show its picture.", path, whom, some)
+            said = f"{some} triangles have no texture coordinates; its picture is not shown there."
+            _LOGGER.warning("%s: %s%s", path, f"{short(name)}: " * bool(name), said)
     names = identifiers(parts)
 
     def seen_by(camera: AbstractCamera) -> list[Object]:

@@ -111,7 +111,7 @@ def test_a_picture_without_places_on_its_faces_is_said(tmp_path, caplog):
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(2, 2), local_viewer=False)
     bare = mesh_files.QUAD + "mtllib a.mtl\nvt 0 0\nusemtl {}\n"
     for name, faces, said in (
-        ("a", "f 1 2 3 4\n", "a.obj: 'a': its triangles have no texture coordinates, to show its picture."),
+        ("a", "f 1 2 3 4\n", "a.obj: 'a': its triangles have no texture coordinates; its picture is not shown there."),
         ("a", "f 1/1 2/1 3/1\nf 1 3 4\n", "'a': 1 of its 2 triangles have no texture coordinates"),
         ("a", "f 1/1 2/1 3/1 4/1\n", ""),
         ("b", "f 1 2 3 4\n", ""),
