@@ -117,9 +117,11 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
     import diffshade as ds
 
     from ..io.files import writable
+    from ..report.figures import check_figure
     from ..report.lamp_picture import light_on_plane
 
     out = out or file.with_suffix(".png")
+    check_figure(out)
     writable(out)
     chosen = "all" if lamp_set == "all" else None if lamp_set is None else int(lamp_set)
     found = ds.lamps.read_lamp(file, lamp_set=chosen, tilt=tilt)

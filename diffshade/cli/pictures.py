@@ -49,6 +49,7 @@ def put_picture(
     import diffshade as ds
 
     from ..core.thresholds import UNCLIPPED_PERCENT
+    from ..io.images import dtype_to_write
 
     said, factor = None, exposure
     if isinstance(factor, str):
@@ -57,7 +58,8 @@ def put_picture(
         factor = 1.0 / float(np.percentile(lit, UNCLIPPED_PERCENT)) if lit.size else 1.0
         said = f"exposure {factor:.4g}: {UNCLIPPED_PERCENT:g} % of the pixels that are not black are not above 1"
     image = radiance * factor
-    ds.write_image(out, image, srgb=srgb, bits=bits)
+    clips = said is not None and dtype_to_write(out, bits).kind == "u"
+    ds.write_image(out, np.minimum(image, 1.0) if clips else image, srgb=srgb, bits=bits)  # as `said` says
     height, width = image.shape[:2]
     least, most = float(image.min()), float(image.max())
     answer(

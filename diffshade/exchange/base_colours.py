@@ -8,13 +8,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int, Shaped
 
 from ..core.fields import Array
+from ..core.thresholds import MOST
+from ..io.encodings import srgb_decode
 from ..io.gltf_files import beside, data_bytes, picture_bytes
-from ..io.images import load_image
+from ..io.images import as_fractions, load_stored
 from ..model.materials import Material
 
+# The first bytes of a file's kinds.
 STARTS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp", b"BM": ".bmp"}
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # what is beyond the edge of a picture
 RANGE = np.iinfo(np.int32).min, np.iinfo(np.int32).max  # of the index of a pixel
@@ -27,6 +30,35 @@ def place_of(*rows: Any) -> Place:
     if len(u) != 3 or not np.isfinite([*u, *v]).all():
         raise ValueError("a picture must be placed by finite numbers. Correct the file.")
     return (u[0], u[1], u[2]), (v[0], v[1], v[2])
+
+
+class Texels(NamedTuple):
+    """The pixels of a picture as they are stored, on the curve of sRGB (glTF 2.0, 3.9.2)."""
+
+    stored: Shaped[np.ndarray, "h w c"]
+    levels: Float[np.ndarray, " n"] | None
+    """The linear colour of each number that is stored; None where these are floats."""
+
+    @classmethod
+    def of(cls, stored: Shaped[np.ndarray, "h w c"]) -> Texels:
+        """Return pixels; those that are no integers become linear."""
+        if stored.dtype.kind == "u":
+            most = np.iinfo(stored.dtype).max
+            return cls(stored, srgb_decode(np.arange(most + 1) / most))
+        linear = stored.astype(np.float32)
+        n = stored.shape[-1] - (stored.shape[-1] in (2, 4))
+        linear[..., :n] = srgb_decode(linear[..., :n])
+        return cls(linear, None)
+
+    def at(self, row: Int[np.ndarray, "*s"], column: Int[np.ndarray, "*s"]) -> Float[np.ndarray, "*s 4"]:
+        """Return the linear colours and alpha of pixels."""
+        stored = self.stored[row, column]
+        found = np.ones((*stored.shape[:-1], 4))
+        if stored.shape[-1] in (2, 4):
+            found[..., 3] = stored[..., -1] if self.levels is None else stored[..., -1] / (len(self.levels) - 1.0)
+            stored = stored[..., :-1]
+        found[..., :3] = stored if self.levels is None else self.levels[stored]
+        return found
 
 
 class ColourPicture(NamedTuple):
@@ -50,10 +82,8 @@ class ColourPicture(NamedTuple):
         """Whether the file of the material holds the picture itself."""
         return not self.uri or self.uri.startswith("data:")
 
-    @property
-    def suffix(self) -> str:
-        """The suffix of a file that holds it: what its first bytes are, else as it is named."""
-        data = self.read()
+    def suffix_of(self, data: bytes) -> str:
+        """Return the suffix of a file that holds its bytes: what the first of them are, else as it is named."""
         named = "" if self.is_packed else Path(self.uri).suffix.lower()
         return next((suffix for start, suffix in STARTS.items() if data.startswith(start)), named)
 
@@ -82,32 +112,44 @@ class ColourPicture(NamedTuple):
             return data_bytes(self.uri)
         return self.file().read_bytes() if self.uri else picture_bytes(self.source, self.image)
 
-    def texels(self) -> Float[np.ndarray, "h w 4"]:
-        """Return the linear colours and alpha of the picture, whose curve is that of sRGB (glTF 2.0, 3.9.2).
+    def stored(self, data: bytes) -> Shaped[np.ndarray, "h w c"]:
+        """Return the numbers of its pixels, which its bytes hold: grey or colours, with alpha or without.
+
+        Raises:
+            ValueError: It cannot be read.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"picture{self.suffix_of(data)}"
+            path.write_bytes(data)
+            try:
+                found = load_stored(path, orientation=1)
+                as_fractions(path, found[:1])
+                if found.shape[-1] > 4:
+                    raise ValueError(f"cannot read {path}: it has {found.shape[-1]} bands. Give one of 1 to 4.")
+                return np.array(found) if isinstance(found, np.memmap) else found
+            except (OSError, ImportError, ValueError) as error:
+                raise ValueError(f"{error}".replace(f"{path}", self._called)) from None
+
+    @property
+    def _called(self) -> str:
+        return "its picture" if self.is_packed else self.uri[:80]
+
+    def texels(self) -> Texels:
+        """Return its pixels.
 
         Raises:
             ValueError: There is no such picture, or it cannot be read.
         """
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"picture{self.suffix}"
-            path.write_bytes(self.read())
-            try:
-                image = load_image(path, srgb=True, orientation=1)[0]
-                if image.shape[-1] not in (2, 4):
-                    image = np.concatenate([image, np.ones_like(image[..., :1])], -1)
-                colour, alpha = image[..., :-1], image[..., -1:]
-                return np.concatenate([np.broadcast_to(colour, (*alpha.shape[:2], 3)), alpha], -1).astype(np.float32)
-            except (OSError, ImportError, ValueError) as error:
-                raise ValueError(f"{error}".replace(f"{path}", self.uri[:60] or "its picture")) from None
+        return Texels.of(self.stored(self.read()))
 
-    def at(self, texels: Float[np.ndarray, "h w 4"], uv: Float[np.ndarray, "*s 2"]) -> Float[np.ndarray, "*s 4"]:
+    def at(self, texels: Texels, uv: Float[np.ndarray, "*s 2"]) -> Float[np.ndarray, "*s 4"]:
         """Return the picture at texture coordinates, between the centres of four pixels; 1 where they are NaN."""
         known = np.asarray(np.isfinite(uv).all(-1))
         u, v = np.moveaxis(np.where(known[..., None], uv, 0.0) @ np.array(self.place)[:, :2].T, -1, 0)
         found = np.zeros((*known.shape, 4))
         corners = []
         for size, x, wrap, shift in zip(
-            texels.shape[1::-1], (u, v), self.wrap, np.array(self.place)[:, 2], strict=True
+            texels.stored.shape[1::-1], (u, v), self.wrap, np.array(self.place)[:, 2], strict=True
         ):
             x = np.clip(np.nan_to_num((x + shift) * size - 0.5), *RANGE)
             first = np.floor(x)
@@ -115,7 +157,7 @@ class ColourPicture(NamedTuple):
             corners.append([(_within(first.astype(int) + k, size, wrap), np.abs(1 - k - part)) for k in (0, 1)])
         for column, across in corners[0]:
             for row, down in corners[1]:
-                found += texels[row, column] * (across * down)[..., None]
+                found += texels.at(row, column) * (across * down)[..., None]
         return np.where(known[..., None], found, 1.0)
 
 
@@ -143,12 +185,22 @@ class BaseColour(NamedTuple):
     blends: bool = False
     """Whether 1 - alpha of the light passes."""
 
+    @property
+    def is_metal(self) -> bool:
+        """Whether the colour is that of the highlights above all."""
+        return self.fields == ("k_d",) and bool(np.all(np.asarray(self.metal) > MOST))
+
 
 class Look:
     """A material with its base colour."""
 
-    def __init__(self, material: Material, base: BaseColour, texels: Float[np.ndarray, "h w 4"] | None = None):
+    def __init__(self, material: Material, base: BaseColour, texels: Texels | None = None):
         self.material, self.base, self._texels = material, base, texels
+
+    @property
+    def has_picture(self) -> bool:
+        """Whether a picture colours its points."""
+        return self._texels is not None
 
     def is_of(self, path: Path) -> bool:
         """Whether its picture is the file at a path."""

@@ -6,16 +6,20 @@ import base64
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import numpy as np
 
-from ..core.thresholds import MOST
+from ..core.words import listing
 from ..io.files import replacing
+from ..io.gltf_files import uri_of
+from ..io.image_formats import encode
 from .base_colours import CLAMP, MIRROR, REPEAT, STARTS, BaseColour, ColourPicture
 from .names import identifiers
 
-MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
+MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp", ".bmp": "image/bmp"}
+# Formats that pack pictures, with the suffixes of those that all programs show: glTF 2.0, 3.9; three.js shows what a
+# browser does. Pictures of other kinds become PNG there.
+SHOWN = {".gltf": (".png", ".jpg", ".jpeg"), ".json": tuple(MIME)}
 GLTF_WRAPS = {REPEAT: 10497, CLAMP: 33071, MIRROR: 33648}  # as OpenGL numbers them
 THREE_WRAPS = {REPEAT: 1000, CLAMP: 1001, MIRROR: 1002}
 
@@ -29,54 +33,66 @@ class Carried(NamedTuple):
     notes: tuple[str, ...]
 
 
-def carried(bases: Mapping[str, BaseColour], path: Path, *, packs: bool) -> Carried:
+def carried(bases: Mapping[str, BaseColour], path: Path) -> Carried:
     """Return base colours with the names that their pictures have in a file at another path.
 
     A name stays where it leads to the same picture from there. Else the picture is packed where it was packed and the
-    format `packs`, or lies beside the new file.
+    format packs, or lies beside the new file; as PNG where not all programs show it as it is.
     """
     found: dict[str, BaseColour] = {}
     copies: dict[Path, bytes] = {}
-    notes: list[str] = []
+    names: dict[tuple[str, int], tuple[str, str]] = {}
+    notes: dict[str, list[str]] = {}
     for (name, base), word in zip(bases.items(), identifiers(bases).values(), strict=True):
         picture = base.picture
         if picture is None:
             continue
         try:
-            uri = _name(picture, path, word, copies, packs=packs)
+            if (key := (picture.uri, picture.image)) not in names:
+                names[key] = _name(picture, path, word, copies)
+            uri, note = names[key]
         except (OSError, ValueError) as error:
-            notes.append(f"{name}: {error} Its name is written all the same.")
-            uri = picture.uri
-        found[name] = base._replace(picture=picture._replace(source=path, uri=uri))
-    return Carried(found, copies, tuple(notes))
+            kept = not picture.is_packed
+            uri, note = picture.uri, f"{error} {'Its name is written all the same.' if kept else 'It is left out.'}"
+            picture = picture if kept else None
+        if note:
+            notes.setdefault(note, []).append(name)
+        found[name] = base._replace(picture=picture and picture._replace(source=path, uri=uri))
+    return Carried(found, copies, tuple(f"{listing(of)}: {note}" for note, of in notes.items()))
 
 
-def _name(picture: ColourPicture, path: Path, word: str, copies: dict[Path, bytes], *, packs: bool) -> str:
-    """Return the name of a picture in a file at a path; what is to lie beside it is added to `copies`."""
-    safe = packs or (picture.uri.isprintable() and not picture.uri.startswith("-") and "#" not in picture.uri)
-    if not picture.is_packed and safe and _reaches(picture, path):
-        return picture.uri
-    if picture.is_packed and packs:
-        data = picture.read()
-        kind = MIME.get(picture.suffix, "application/octet-stream")
-        return picture.uri or f"data:{kind};base64,{base64.b64encode(data).decode()}"
+def _name(picture: ColourPicture, path: Path, word: str, copies: dict[Path, bytes]) -> tuple[str, str]:
+    """Return the name of a picture in a file at a path, and a note; what is to lie beside it is added to `copies`."""
+    if "://" in picture.uri and not picture.is_packed:
+        return picture.uri, ""
+    shown, note = SHOWN.get(path.suffix.lower()), ""
+    safe = shown or (picture.uri.isprintable() and not picture.uri.startswith("-") and "#" not in picture.uri)
     data = picture.read()
+    suffix = picture.suffix_of(data)
+    if shown and suffix not in shown:
+        note = f"its picture is written as PNG: not all programs that read {path.suffix} show {suffix}."
+        data, suffix = encode(".png", picture.stored(data)), ".png"
+    elif not picture.is_packed and safe and _reaches(picture, path):
+        return picture.uri, ""
+    if picture.is_packed and shown:
+        return f"data:{MIME[suffix]};base64,{base64.b64encode(data).decode()}", note
     if same := [there.name for there, copied in copies.items() if copied == data]:
-        return same[0]
-    if picture.is_packed and picture.suffix not in STARTS.values():
+        return same[0], note
+    if picture.is_packed and suffix not in STARTS.values():
         raise ValueError("the picture that it holds is no PNG, JPEG, WebP or BMP.")
-    own = [picture.file().name] if not picture.is_packed and safe else []
-    for last in (*own, *(f"{path.stem}_{word}{more}{picture.suffix}" for more in ("", *range(2, 1000)))):
+    file = None if picture.is_packed or not safe else picture.file()
+    own = [] if file is None else [f"{file.stem}.png" if note else file.name]
+    for last in (*own, *(f"{path.stem}_{word}{more}{suffix}" for more in ("", *range(2, 1000)))):
         there = path.parent / last
         if there not in copies and (not there.exists() or (there.is_file() and there.read_bytes() == data)):
             copies[there] = data  # no file of the user's is replaced
-            return last
+            return last, note
     raise ValueError(f"no name is free for its picture in {path.parent}.")
 
 
 def _reaches(picture: ColourPicture, path: Path) -> bool:
     """Whether the name of a picture leads to it from a file at another path as well."""
-    if path.parent.resolve() == picture.source.parent.resolve() or "://" in picture.uri:
+    if path.parent.resolve() == picture.source.parent.resolve():
         return True
     there = path.parent / picture.uri
     return there.is_file() and there.resolve() == picture.file()
@@ -91,14 +107,14 @@ def write_copies(copies: Mapping[Path, bytes]) -> None:
 
 
 def notes_on_base(
-    base: BaseColour | None, program: str, *, turns: bool, mirrors: bool, alpha: bool = True
+    base: BaseColour | None, program: str, *, turns: bool, mirrors: bool, metals: bool = True, alpha: bool = True
 ) -> list[str]:
     """Return notes on what a program does otherwise with a picture."""
     if base is None or base.picture is None:
         return []
     notes = []
-    if base.fields == ("k_d",) and np.all(np.asarray(base.metal) > MOST):
-        notes.append(f"its picture colours the highlight of a metal; {program} gets it for k_d, which is 0.")
+    if base.is_metal and not metals:
+        notes.append(f"its picture colours a metal's highlight, which {program} has of one colour: it is hardly seen.")
     if not turns and _parts(base.picture)[2]:
         notes.append(f"{program} does not turn pictures: the turn of its picture is not written.")
     if not alpha and (base.blends or base.cutoff is not None):
@@ -127,34 +143,43 @@ def rows_of_mtl(base: BaseColour | None) -> dict[str, str]:
     options += f"-s {wide!r} {high!r} 1 " if (wide, high) != (1, 1) else ""
     options += f"-o {x!r} {y!r} 0 " if (x, y) != (0, 0) else ""
     keys = {"k_d": "map_Kd", "k_a": "map_Ka", "k_e": "map_Ke"}
-    return {keys[field]: options + picture.uri for field in base.fields if field in keys}
+    named = [keys[field] for field in base.fields if field in keys] + ["map_Ks"] * base.is_metal
+    return dict.fromkeys(named, options + picture.uri)
 
 
 def into_gltf(document: dict[str, Any], bases: Mapping[str, BaseColour]) -> None:
     """Add the pictures of materials to the document of a glTF file."""
-    images, samplers, textures = [], [], []
+    images, samplers, textures, transforms = [], [], [], False
     for row in document["materials"]:
         base = bases.get(row["name"])
         if base is None or (picture := base.picture) is None:
             continue
-        uri = picture.uri if picture.is_packed else quote(picture.uri.replace("\\", "/"), safe="/:")
         wraps = {"wrapS": GLTF_WRAPS[picture.wrap[0]], "wrapT": GLTF_WRAPS[picture.wrap[1]]}
         filters = {"magFilter": 9728, "minFilter": 9728} if picture.nearest else {}
-        texture = {"source": _index(images, {"uri": uri}), "sampler": _index(samplers, wraps | filters)}
+        texture = {"source": _index(images, {"uri": uri_of(picture.uri)}), "sampler": _index(samplers, wraps | filters)}
         info: dict[str, Any] = {"index": _index(textures, texture)}
         if picture.place != ColourPicture(picture.source).place:
             wide, high, turn = _parts(picture)
             placed = {"offset": [of[2] for of in picture.place], "rotation": turn, "scale": [wide, high]}
             info["extensions"] = {"KHR_texture_transform": placed}
-            document["extensionsUsed"] = sorted({*document["extensionsUsed"], "KHR_texture_transform"})
-        if "k_e" in base.fields:
+            transforms = True
+        extensions, pbr = row["extensions"], row["pbrMetallicRoughness"]
+        if "k_e" not in base.fields:
+            pbr["baseColorTexture"] = info
+        elif any(pbr["baseColorFactor"][:3]) or extensions != {"KHR_materials_specular": {"specularFactor": 0.0}}:
             row["emissiveTexture"] = info
-        else:
-            row["pbrMetallicRoughness"]["baseColorTexture"] = info
+        else:  # emission alone
+            colour = [*row.pop("emissiveFactor"), pbr["baseColorFactor"][3]]
+            row["pbrMetallicRoughness"] = {"baseColorFactor": colour, "baseColorTexture": info}
+            row["extensions"] = {"KHR_materials_unlit": {}}
+        if base.is_metal and "specularColorFactor" in extensions["KHR_materials_specular"]:
+            extensions["KHR_materials_specular"]["specularColorTexture"] = info
         if base.cutoff is not None:
             row |= {"alphaMode": "MASK", "alphaCutoff": base.cutoff}
         elif base.blends:
             row["alphaMode"] = "BLEND"
+    used = {name for row in document["materials"] for name in row["extensions"]}
+    document["extensionsUsed"] = sorted(used | ({"KHR_texture_transform"} if transforms else set()))
     document |= {"images": images, "samplers": samplers, "textures": textures} if images else {}
 
 
@@ -165,8 +190,8 @@ def into_three(tables: list[dict[str, Any]], bases: Mapping[str, BaseColour]) ->
         base = bases.get(table["name"])
         if base is None or (picture := base.picture) is None:
             continue
-        image = {"uuid": f"image_{len(images)}", "url": picture.uri}
-        image = next((of for of in images if of["url"] == picture.uri), image)
+        image = {"uuid": f"image_{len(images)}", "url": uri_of(picture.uri)}
+        image = next((of for of in images if of["url"] == image["url"]), image)
         images += [image] if image not in images else []
         wide, high, _ = _parts(picture)
         texture = {
@@ -180,7 +205,11 @@ def into_three(tables: list[dict[str, Any]], bases: Mapping[str, BaseColour]) ->
             "flipY": True,
         }
         textures.append(texture)
-        table["emissiveMap" if "k_e" in base.fields else "map"] = texture["uuid"]
+        if "k_e" in base.fields and (table["color"], table["emissiveIntensity"]) == (0, 1) and "specular" not in table:
+            table |= {"type": "MeshBasicMaterial", "color": table.pop("emissive"), "map": texture["uuid"]}
+            del table["emissiveIntensity"]
+        else:
+            table["emissiveMap" if "k_e" in base.fields else "map"] = texture["uuid"]
         table |= {"emissiveMap": texture["uuid"]} if "k_a" in base.fields else {}  # which stands for ambient light
         table |= {"alphaTest": base.cutoff} if base.cutoff is not None else {}
         table |= {"transparent": True} if base.blends else {}

@@ -11,7 +11,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +18,7 @@ from scipy.optimize import least_squares
 
 from ..core.fields import in_short
 from ..core.thresholds import SINGLE, TINY
-from ..io.gltf_files import base_texture, material_names
+from ..io.gltf_files import base_texture, material_names, name_of
 from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import INDEX, Material
@@ -71,16 +70,15 @@ def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
 
 def write_gltf(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return a glTF file with materials only."""
-    drafts, rows, extensions = {}, [], set()
+    drafts, rows = {}, []
     for name, material in materials.items():
         row, draft = _written(name, material, lights)
         on_base = notes_on_base((bases or {}).get(name), "glTF", turns=True, mirrors=True)
         drafts[name] = draft._replace(notes=(*draft.notes, *on_base))
         rows.append(row)
-        extensions |= set(row["extensions"])
     draft = together(drafts, "")
     asset = {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": draft.notes}}
-    document = {"asset": asset, "extensionsUsed": sorted(extensions), "materials": rows}
+    document: dict[str, Any] = {"asset": asset, "materials": rows}
     into_gltf(document, bases or {})
     return draft._replace(text=json.dumps(document, indent=2, ensure_ascii=False) + "\n")
 
@@ -213,7 +211,9 @@ def _read(row: Any, name: str, reading: Reading, document: dict[str, Any]) -> Ma
     edge = as_number(specular, "specularFactor", 1.0, at, most=1.0)
     dielectric = np.minimum(f0 * as_numbers(specular, "specularColorFactor", (1, 1, 1), 3, at), 1.0) * edge
     surface = surface_of(colour[:3], metallic, rough, dielectric, edge, coat=weight, coat_roughness=width)
-    reading.base[name] = reading.base[name]._replace(metal=metal_of(surface, colour[:3], metallic))
+    tints = base.picture is not None and specular.get("specularColorTexture") == base_texture(row)
+    metal = 1.0 if tints else metal_of(surface, colour[:3], metallic)
+    reading.base[name] = reading.base[name]._replace(metal=metal)
     if not through:
         return classic(surface, name, what_of(metallic, rough), reading, **given)
     left = np.maximum(1.0 - given["k_t"], TINY)  # times (1 - through) base, and times the highlight as it is there
@@ -233,7 +233,7 @@ def _base(row: dict[str, Any], alpha: float, name: str, reading: Reading, docume
     try:
         return base._replace(picture=_picture(texture, document, Path(reading.where)))
     except (AttributeError, IndexError, KeyError, TypeError, ValueError):
-        reading.note(name, "its base colour names no PNG, JPEG or WebP; its colour alone is read.")
+        reading.note(name, "the texture of its base colour leads to no picture that is read; the colour alone is read.")
         return base
 
 
@@ -247,10 +247,8 @@ def _picture(texture: dict[str, Any], document: dict[str, Any], source: Path) ->
     c, s = np.cos(turn), np.sin(turn)
     wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
     place = place_of((wide * c, high * s, x), (-wide * s, high * c, y))  # counter-clockwise, where v is down
-    uri = document["images"][index].get("uri", "")
-    return ColourPicture(
-        source, uri if uri.startswith("data:") else unquote(uri), index, wrap, sampler.get("magFilter") == 9728, place
-    )
+    uri = name_of(document["images"][index].get("uri", ""))
+    return ColourPicture(source, uri, index, wrap, sampler.get("magFilter") == 9728, place)
 
 
 def _alpha(row: dict[str, Any], alpha: float, name: str, reading: Reading) -> float:
@@ -305,4 +303,7 @@ def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
             if isinstance(value, dict) and len(tables) < MAX_TABLES:
                 found += [key] if key.endswith("Texture") else []
                 tables.append(value)
-    reading.note_maps(name, list(dict.fromkeys(found)), ("baseColorTexture", "diffuseTexture"))
+    specular = as_table(as_table(row.get("extensions")).get(f"{PREFIX}specular")).get("specularColorTexture")
+    tints = specular is not None and specular == base_texture(row)
+    own = ("baseColorTexture", "diffuseTexture", *["specularColorTexture"] * tints)
+    reading.note_maps(name, list(dict.fromkeys(found)), own)

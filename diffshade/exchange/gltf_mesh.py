@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from ..core.thresholds import UNCLIPPED_PERCENT
 from ..io.files import replacing
+from ..io.gltf_files import uri_of
 from ..io.image_formats import encode
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
@@ -153,7 +154,7 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
             images.append({"name": name, "mimeType": "image/png", "bufferView": len(views) - 1})
             binary += data + bytes(-len(data) % 4)
         else:
-            images.append({"name": name, "uri": f"{path.stem}_{name}.png"})
+            images.append({"name": name, "uri": uri_of(f"{path.stem}_{name}.png")})
     attributes = {name: i for i, (name, *_) in enumerate(arrays[:-1])}
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": notes}},
@@ -177,7 +178,7 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
             "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
         }
     if not packed:
-        document["buffers"][0]["uri"] = f"{path.stem}.bin"
+        document["buffers"][0]["uri"] = uri_of(f"{path.stem}.bin")
         beside = {f"{path.stem}.bin": binary} | {f"{path.stem}_{name}.png": data for name, data in files.items()}
         for name, data in beside.items():
             written.append(path.with_name(name))

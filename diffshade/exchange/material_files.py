@@ -122,7 +122,7 @@ def write_textured(
         check_rgb(f"the material {word!r}", one)
     bases = {name: base for name, base in bases.items() if base.picture is not None and name in named}
     if suffix in TEXTURED:
-        found = carried(bases, path, packs=suffix != ".mtl")
+        found = carried(bases, path)
         draft, notes = TEXTURED[suffix](named, lights, found.bases), found.notes
         write_copies(found.copies)
     else:

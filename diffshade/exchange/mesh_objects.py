@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..core.fields import check_kind
-from ..io.meshes import parts_seen
+from ..core.words import did_you_mean
+from ..io.meshes import Shows, parts_seen
+from ..io.parsing import short
 from ..model.cameras import AbstractCamera
 from ..model.materials import Material
 from ..model.named_materials import material as named_material
 from ..model.scenes import Object
 from .base_colours import BaseColour, Look
 from .material_files import read_file, warn
-from .names import identifiers
+from .names import identifiers, same_name
 
 _LOGGER = logging.getLogger("diffshade")
 LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
@@ -107,7 +109,7 @@ def objects_seen(
 
     `out`: what is to be written, which may be no picture of the materials.
     `given`: a file of materials, or the name of one, in place of its own. A single one is that of all faces; of several
-    none may lack.
+    none may lack. A name that a format writes otherwise, such as 'half red' as half_red, is the same name.
     """
     looks = _own_looks(path) if given is None else _looks_of(given)
     for look in looks.values():
@@ -115,24 +117,49 @@ def objects_seen(
             raise ValueError(f"{out} is a picture of the materials of {path}. Give another name with -o.")
     if whole := given is not None and len(looks) == 1:
         looks = {"": next(iter(looks.values()))}
-    shows = {name: look.shows for name, look in looks.items() if look.base.cutoff is not None}
+
+    def look_of(name: str) -> Look | None:
+        own = same_name(name, looks)
+        return None if own is None else looks[own]
+
+    def shows(name: str) -> Shows | None:
+        look = look_of(name)
+        return None if look is None or look.base.cutoff is None else look.shows
+
     parts = parts_seen(path, whole=whole, shows=shows)
-    for name in parts if given else ():
-        if not name and not whole:
-            raise ValueError(
-                f"faces of {path} name no material, and {given} has {len(looks)}. Name one for each face in the "
-                "mesh, or give a file of one material."
-            )
-        if name not in looks:
-            raise ValueError(f"a face of {path} names the material '{name}', which {given} lacks. Add it.")
     grey = Look(Material(0.7, 0.7), BaseColour(fields=("k_a", "k_d")))
+    chosen = {name: look_of(name) or grey for name in parts}
+    if lacking := [name for name in parts if chosen[name] is grey]:
+        _say_what_lacks(path, given, lacking, looks)
+    for name, look in chosen.items():
+        if look.has_picture and (unplaced := parts[name].unplaced):
+            some = "its" if unplaced == parts[name].triangles else f"{unplaced} of its {parts[name].triangles}"
+            said = f"{some} triangles have no texture coordinates; its picture is not shown there."
+            _LOGGER.warning("%s: %s%s", path, f"{short(name)}: " * bool(name), said)
     names = identifiers(parts)
 
     def seen_by(camera: AbstractCamera) -> list[Object]:
         found = []
         for name, part in parts.items():
-            seen = part(camera)
-            found.append(Object(seen.buffer, looks.get(name, grey).over(seen.look), names[name] if name else ""))
+            seen = part.seen(camera)
+            found.append(Object(seen.buffer, chosen[name].over(seen.look), names[name] if name else ""))
         return found
 
     return seen_by
+
+
+def _say_what_lacks(path: str | Path, given: str | None, names: list[str], looks: Mapping[str, Look]) -> None:
+    """Refuse parts of a mesh whose materials lack in a file that is given; say it where its own files lack them."""
+    if given and "" in names:
+        raise ValueError(
+            f"faces of {path} name no material, and {given} has {len(looks)}. Name one for each face in the mesh, or "
+            "give a file of one material."
+        )
+    if given:
+        raise ValueError(
+            f"a face of {path} names the material '{names[0]}', which {given} lacks. Add it. "
+            f"{did_you_mean(names[0], looks)}"
+        )
+    for name in names if looks else ():
+        if name:
+            _LOGGER.warning("%s: faces name the material %s, which its files lack; they are grey.", path, short(name))

@@ -28,7 +28,8 @@ from .readings import Reading
 MAX_N_S = 1000.0  # as the format has it
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
 MAPS = ("map_", "bump", "disp", "decal", "refl", "norm", "occlusion")
-BASE = ("map_kd", "map_ka")  # those of the base colour, where both are the same
+BASE = ("map_kd", "map_ka", "map_ks")  # those of the base colour, where they are the same
+GLOWS = "map_ke"  # that of the emission, where there is none of k_d
 # What the illumination models do beside the highlight, which is read. 0 to 2 do nothing more.
 ILLUM = {
     3: "mirrors what surrounds it",
@@ -49,6 +50,7 @@ UNUSED = {
     "sharpness": "that of mirror images",
 }
 ONE = {"1", "1.0", "1.000000"}  # as Blender 2.4 to 4.2 write it
+BY_DIFFSHADE = comment((), "#").strip()
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
 ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
@@ -112,13 +114,32 @@ def read_mtl(text: str, where: str) -> Reading:
         raise ValueError(f"{where} has no newmtl line, hence no material. Give an MTL file.")
     if before:
         reading.note("", f"what stands before the first newmtl line is not read: {_some(before)}.")
-    from_blender = text.lstrip("\ufeff \r\n").startswith("# Blender")
+    idle = _idle_ambient(text.lstrip("\ufeff \r\n"), found)
     for name, rows in found.items():
-        if from_blender and "Ka" in rows and ONE.issuperset(rows["Ka"]):
+        if idle and _is_white(rows, "Ka"):
             del rows["Ka"]
-            reading.note(name, "Blender has no ambient light, and writes Ka 1 1 1 all the same; it is not read.")
+            reading.note(name, f"{idle}; it is not read.")
         reading.add(name, lambda rows=rows, name=name: _read(rows, name, reading))
     return reading
+
+
+def _idle_ambient(text: str, found: Mapping[str, Mapping[str, list[str]]]) -> str:
+    """Return why Ka 1 1 1 is no statement of a file, or "".
+
+    Exporters write it where they know nothing of ambient light. No one means white ambient reflection of every
+    material, be it red or blue; white of white, or of a map, may be meant.
+    """
+    if text.startswith("# Blender"):
+        return "Blender has no ambient light, and writes Ka 1 1 1 all the same"
+    plain = all(_is_white(rows, "Ka") and not any(key.lower() == "map_ka" for key in rows) for rows in found.values())
+    colourless = all(_is_white(rows, "Kd") or "Kd" not in rows for rows in found.values())
+    if text.startswith(BY_DIFFSHADE) or colourless or not plain:
+        return ""
+    return "Ka 1 1 1 of every material, whatever its Kd, is what exporters write that know no ambient light"
+
+
+def _is_white(rows: Mapping[str, list[str]], key: str) -> bool:
+    return key in rows and ONE.issuperset(rows[key])
 
 
 def _some(keys: list[str]) -> str:
@@ -148,9 +169,12 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
         reading.note(name, f"Ns {n_s:g} is below 0; it is read as 0, as programs clamp it.")
     illum = _illum(rows, one, name, reading)
     glass = _glass(rows, one, colour, illum, name, reading)
-    picture, of_ambient = (_picture(rows, name, reading, key) for key in BASE)
-    fields = ("k_d", "k_a") if picture is not None and picture == of_ambient else ("k_d",)
-    reading.base[name] = base = BaseColour(picture, ("k_e",) if illum == 0 else fields)
+    picture, *others = (_picture(rows, name, reading, key) for key in BASE)
+    of_ambient, of_highlight = (picture is not None and picture == other for other in others)
+    fields = ("k_e",) if illum == 0 else ("k_d", "k_a") if of_ambient else ("k_d",)
+    reading.base[name] = base = BaseColour(picture, fields, metal=float(of_highlight))
+    if picture is None and (glowing := _picture(rows, name, reading, GLOWS)) is not None:
+        reading.base[name] = base = BaseColour(glowing, ("k_e",))
     given: dict[str, Any] = {field: colour(key, 0.0) for key, field in COLOURS.items()}
     if "Kd" not in rows:
         given["k_d"] = [_without_colour(rows, name, reading)] * 3
@@ -257,7 +281,8 @@ def _note_the_rest(rows: Mapping[str, list[str]], name: str, reading: Reading) -
     maps = [key for key in rows if key.lower().startswith(MAPS)]
     if maps:
         of = {key.lower(): rows[key] for key in maps}
-        reading.note_maps(name, maps, [key for key in maps if key.lower() in BASE and rows[key] == of.get("map_kd")])
+        same = [key for key in maps if key.lower() in BASE and rows[key] == of.get("map_kd")]
+        reading.note_maps(name, maps, same or [key for key in maps if key.lower() == GLOWS])
     for key, meaning in UNUSED.items():
         if set("".join(rows.get(key, []))) - set("0.+-"):
             reading.note(name, f"{key}, {meaning}, is not modelled.")

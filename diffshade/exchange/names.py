@@ -38,6 +38,18 @@ def words(names: Iterable[str]) -> dict[str, str]:
     return _distinct(names, lambda name: re.sub(r"[\s#]+", "_", printable(name)).strip("_") or "material")
 
 
+def same_name(name: str, others: Iterable[str]) -> str | None:
+    """Return the one of other names that is this one, or this one as a format writes it, or the reverse; else None."""
+    others = list(others)
+    alike = [other for other in others if _letters(other) == _letters(name)] if _letters(name) else []
+    return name if name in others else alike[0] if len(alike) == 1 else None
+
+
+def _letters(name: str) -> str:
+    """Return a name with one _ for all that is neither letter nor digit, and none at its ends."""
+    return re.sub(r"[\W_]+", "_", name).strip("_")
+
+
 def printable(name: str) -> str:
     """Return a name on one line."""
     return "".join(c if c.isprintable() else " " for c in name)

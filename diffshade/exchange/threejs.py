@@ -74,7 +74,7 @@ def write_json(materials: Mapping[str, Material], lights: Any, bases: Mapping[st
     drafts, tables = {}, []
     for name, material in materials.items():
         settings, draft = _fitted(material, lights, bytes_=True)
-        on_base = notes_on_base((bases or {}).get(name), settings["type"], turns=False, mirrors=True)
+        on_base = notes_on_base((bases or {}).get(name), settings["type"], turns=False, mirrors=True, metals=False)
         drafts[name] = draft._replace(notes=(*draft.notes, *on_base))
         colours, strength = settings["colours"], settings["strength"]
         table = {

@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from ..core.thresholds import UNCLIPPED_PERCENT
 from ..io.files import replacing
+from ..io.gltf_files import uri_of
 from ..io.image_formats import encode
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
@@ -137,7 +138,7 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
         ],
         "materials": [{"uuid": "maps", **material, **{name: name for name in pictures}}],
         "textures": [_texture(name) for name in pictures],
-        "images": [{"uuid": name, "url": f"{path.stem}_{name}.png"} for name in pictures],
+        "images": [{"uuid": name, "url": uri_of(f"{path.stem}_{name}.png")} for name in pictures],
         "object": {
             "uuid": "object",
             "type": "Mesh",

@@ -6,6 +6,7 @@ MeshStandardMaterial and MeshPhysicalMaterial are refitted. Numbers and words of
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,6 +15,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..core.words import listing
+from ..io.gltf_files import name_of
 from ..io.parsing import short
 from ..model.lobes import Blinn
 from ..model.materials import Material
@@ -36,6 +39,7 @@ KINDS = (
 )
 WRAPS = {1000: REPEAT, 1001: CLAMP, 1002: MIRROR}  # as three.js numbers them
 _PLACED = {"wrap": 1001, "offset": 0, "repeat": 1}  # and what each of the two numbers is where it is left out
+_USUAL = {"rotation": 0, "flipY": True, "channel": 0}  # of a texture that is read
 _WORD = re.compile(r"(?:#|0[xX])([0-9a-fA-F]{6}|[0-9a-fA-F]{3})", re.ASCII)
 # What the reading uses; what a program keeps for itself; and what has an effect unless it has this value.
 _READ = re.compile(
@@ -69,20 +73,27 @@ def read_json(text: str, where: str) -> Reading:
     return reading
 
 
-def _pictures(document: Any, source: Path) -> dict[str, ColourPicture]:
-    """Return the pictures of the textures of a material, an object or a scene of the editor, by their uuid."""
-    found = {}
+def _pictures(document: Any, source: Path) -> dict[str, ColourPicture | str]:
+    """Return the pictures of the textures of a material, an object or a scene of the editor, by their uuid.
+
+    Of a texture that is not read: why, as what follows "its map".
+    """
+    found: dict[str, ColourPicture | str] = {}
     for table in (as_table(document), as_table(as_table(document).get("scene"))):
         urls = {f"{of.get('uuid')}": of.get("url") for of in _tables(table, "images")}
         for of in _tables(table, "textures"):
             try:
-                if of.get("rotation") or of.get("flipY") is False or of.get("channel"):
+                if other := [key for key, usual in _USUAL.items() if of.get(key, usual) != usual]:
+                    said = listing([f"{key} {short(json.dumps(of[key]))[1:-1]}" for key in other])
+                    found[str(of["uuid"])] = f"has {said}, which {'is' if len(other) == 1 else 'are'} not read"
                     continue
                 (u, v), (x, y), (wide, high) = (of.get(key, (usual,) * 2) for key, usual in _PLACED.items())
                 wrap, place = (WRAPS[u], WRAPS[v]), place_of((wide, 0.0, x), (0.0, high, 1.0 - high - y))  # v is up
                 uri, nearest = urls[of["image"]], of.get("magFilter") == 1003
                 if isinstance(uri, str):
-                    found[str(of["uuid"])] = ColourPicture(source, uri, wrap=wrap, nearest=nearest, place=place)
+                    found[str(of["uuid"])] = ColourPicture(
+                        source, name_of(uri), wrap=wrap, nearest=nearest, place=place
+                    )
             except (KeyError, TypeError, ValueError):
                 continue
     return found
@@ -133,12 +144,13 @@ def _add(
     name: Any,
     kind: str,
     settings: dict[str, Any],
-    pictures: Mapping[str, ColourPicture] | None = None,
+    pictures: Mapping[str, ColourPicture | str] | None = None,
 ) -> None:
     name = name if isinstance(name, str) and name and not isinstance(name, Expression) else "material"
     name = reading.unused(name)
     reading.add(name, lambda: _read(kind, settings, name, reading))
-    picture = (pictures or {}).get(str(settings.get("map")))
+    found = (pictures or {}).get(str(settings.get("map")), "names no picture that is read")
+    picture = None if isinstance(found, str) else found
     fields = ("k_e",) if kind == "MeshBasicMaterial" else ("k_d",)
     reading.base.setdefault(name, BaseColour())
     cutoff = settings.get("alphaTest")
@@ -149,7 +161,7 @@ def _add(
         blends=settings.get("transparent") is True and not cutoff,
     )
     if settings.get("map") is not None and picture is None:
-        reading.note(name, "its map names no picture that is read; its colour alone is.")
+        reading.note(name, f"its map {found}; its colour alone is.")
 
 
 def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> Material:

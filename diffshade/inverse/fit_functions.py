@@ -183,7 +183,7 @@ class FitFunction(eqx.Module):
 
     def _targets(self, images: Sequence[ArrayLike]) -> Float[Array, "blocks channels pixels"]:
         shapes = tuple(jnp.shape(image) for image in images)
-        if shapes != self.shapes:
+        if tuple(shape[:2] if shape[2:] == (1,) else shape for shape in shapes) != self.shapes:
             raise ValueError(
                 f"this fit function needs images of shapes {self.shapes}; got {shapes}. Give one for each view, or "
                 "jax.vmap over the axis of the batch."

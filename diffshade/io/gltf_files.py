@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import unquote_to_bytes
+from urllib.parse import quote, unquote_to_bytes
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -144,6 +144,21 @@ def data_bytes(uri: str) -> bytes:
     return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
 
 
+def name_of(uri: str) -> str:
+    """Return the name of a file that a URI stands for: % and two digits are a byte of it (RFC 3986, 2.1)."""
+    return uri if _is_whole(uri) else unquote_to_bytes(uri).decode()
+
+
+def uri_of(name: str) -> str:
+    """Return the URI of a file's name."""
+    return name if _is_whole(name) else quote(name.replace("\\", "/"), safe="/:")
+
+
+def _is_whole(uri: str) -> bool:
+    """Whether a URI holds a file, or names its place on the web."""
+    return uri.startswith("data:") or "://" in uri
+
+
 def beside(name: str, folder: Path, noun: str) -> Path:
     """Return a file in a folder or below it.
 
@@ -160,7 +175,7 @@ def _named_bytes(uri: str, folder: Path, noun: str) -> bytes:
     """Return the bytes of a buffer or picture: those in its name, or of a file in the folder."""
     if uri.startswith("data:"):
         return data_bytes(uri)
-    return beside(unquote_to_bytes(uri).decode(), folder, noun).read_bytes()
+    return beside(name_of(uri), folder, noun).read_bytes()
 
 
 def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], dict[str, Any]]]:

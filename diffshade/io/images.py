@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Shaped
 
 from ..core.arrays import float64_of
 from ..core.fields import MOST_BANDS, Numbers
@@ -132,6 +132,11 @@ def load_image(
     return image, taken
 
 
+def load_stored(path: Path, *, orientation: int | None = None) -> Shaped[np.ndarray, "h w c"]:
+    """Read the numbers of an image as they are stored, upright as `load_image` has it."""
+    return _upright(path, _read(path), statement_of(path).orientation, orientation)
+
+
 def _upright(path: Path, stored: np.ndarray, own: int, orientation: int | None = None) -> np.ndarray:
     """Return a file's picture upright, by its own orientation or another one."""
     wanted = own if orientation is None else orientation
@@ -169,10 +174,9 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
         OSError: As `read_image` raises it.
     """
     path = Path(path)
-    stored = _read(path)
-    if stored.shape[-1] > 4:
-        raise ValueError(f"cannot read {path}: it has {stored.shape[-1]} bands, and a mask 1 to 4. Write one of them.")
-    upright = _upright(path, stored, statement_of(path).orientation)
+    upright = load_stored(path)
+    if (bands := upright.shape[-1]) > 4:
+        raise ValueError(f"cannot read {path}: it has {bands} bands, and a mask 1 to 4. Write one of them.")
     return np.asarray(as_mask(upright, f"mask {path}"))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, overload
 
@@ -92,7 +92,7 @@ def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuff
         TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
-    return {name: seen(camera).buffer for name, seen in parts_seen(path).items()}
+    return {name: part.seen(camera).buffer for name, part in parts_seen(path).items()}
 
 
 class SeenPart(NamedTuple):
@@ -102,29 +102,39 @@ class SeenPart(NamedTuple):
     look: Float[np.ndarray, "h w 6"] | None
 
 
+class MeshPart(NamedTuple):
+    """A part of a mesh, which any camera may see."""
+
+    seen: Callable[[AbstractCamera], SeenPart]
+    triangles: int
+    unplaced: int
+    """How many of its triangles have no texture coordinates."""
+
+
 Shows = Callable[[Float[np.ndarray, "points 6"]], Bool[np.ndarray, " points"]]
 """Which points of a part are there, by their looks."""
 
 
 def parts_seen(
-    path: str | Path, *, whole: bool = False, shows: Mapping[str, Shows] | None = None
-) -> dict[str, Callable[[AbstractCamera], SeenPart]]:
-    """Return what shows each part of a mesh to any camera, or all as one part, the file being read once.
+    path: str | Path, *, whole: bool = False, shows: Callable[[str], Shows | None] = lambda name: None
+) -> dict[str, MeshPart]:
+    """Return each part of a mesh by its name, or all as one part, the file being read once.
 
-    `shows`: of the parts by these names, which points are there; rays go on through the others.
+    `shows`: of the part of a name, which points are there, None for all; rays go on through the others.
     """
-    found, shows = _surface(path), shows or {}
-    if whole:
-        return {"": _seen(found, True, shows.get(""))}
-    of_part = [found.part == i for i in range(len(found.names))]
+    found = _surface(path)
 
-    def part(of: Bool[np.ndarray, " t"]) -> MeshSurface:
+    def part(name: str, of: Bool[np.ndarray, " t"] | slice) -> MeshPart:
         look = None if found.look is None else found.look[of]
-        return found._replace(corner=found.corner[of], normal=found.normal[of], look=look)
+        surface = found._replace(corner=found.corner[of], normal=found.normal[of], look=look)
+        count = len(surface.corner)
+        unplaced = count if look is None else int(np.isnan(look[..., :2]).any((1, 2)).sum())
+        return MeshPart(_seen(surface, True, shows(name)), count, unplaced)
 
-    return {
-        name: _seen(part(of), True, shows.get(name)) for name, of in zip(found.names, of_part, strict=True) if of.any()
-    }
+    if whole:
+        return {"": part("", slice(None))}
+    of_part = [found.part == i for i in range(len(found.names))]
+    return {name: part(name, of) for name, of in zip(found.names, of_part, strict=True) if of.any()}
 
 
 def frame_mesh(path: str | Path, *, shape: tuple[int, int] = (512, 512), fov: float = 35.0) -> Camera:

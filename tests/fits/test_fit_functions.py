@@ -151,6 +151,15 @@ def test_what_it_does_not_know_is_refused():
 
 
 @pytest.mark.thorough
+def test_a_grey_image_may_have_its_channel():
+    (image,), _ = drawn(1, 8)
+    for given in (image, image[..., None]):
+        function = ds.fit_function(TOLD, ds.View(given, camera(8)), free="k_d")
+        found = [function(of).values["k_d"] for of in (image, image[..., None])]
+        assert found[0] == found[1]
+
+
+@pytest.mark.thorough
 def test_it_takes_what_fit_takes():
     """Colours in the order of the channels, ties, constraints, priors and noise: the values are those of `fit`."""
     material = ds.Material(0.05, (0.6, 0.45, 0.3), 0.2, 20)

@@ -198,6 +198,7 @@ def in_browser(folder: Path, script: Path) -> str:
     if not (THREE / "build" / "three.module.js").is_file():
         pytest.skip(f"three.js is not at {THREE}; run npm install three, or set DIFFSHADE_THREE to its folder.")
     shutil.copy(script, folder / "main.js")
+    shutil.copy(HERE / "three_renderer.js", folder)
     imports = {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}
     page = f'<!DOCTYPE html><script type="importmap">{json.dumps({"imports": imports})}</script>'
     (folder / "index.html").write_text(f'{page}<script type="module" src="main.js"></script>')

@@ -4,9 +4,7 @@ import * as THREE from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { MTLLoader } from "three/addons/loaders/MTLLoader.js";
 import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
-
-const said = [];
-for (const kind of ["warn", "error", "log"]) console[kind] = (...words) => said.push(words.join(" "));
+import { post, rendererOf, said } from "./three_renderer.js";
 
 async function load(file) {
   if (file.endsWith(".json")) return new THREE.ObjectLoader().loadAsync(file);
@@ -20,11 +18,7 @@ const textures = (material) => Object.values(material).filter((value) => value &
 async function main() {
   const { files, lights, zoom, rows, columns, extent } = await (await fetch("cases.json")).json();
   const width = zoom * columns, height = zoom * rows, middle = Math.floor(zoom / 2);
-  const renderer = new THREE.WebGLRenderer({ antialias: false });
-  const target = new THREE.WebGLRenderTarget(width, height, { type: THREE.FloatType });
-  const half = extent / 2, camera = new THREE.OrthographicCamera(-half * width / height, half * width / height, half, -half, 0, 10);
-  camera.position.z = 4;
-  const found = {};
+  const render = rendererOf(width, height, extent), found = {};
   for (const file of files) {
     const manager = new Promise((done) => (THREE.DefaultLoadingManager.onLoad = done));
     const model = await load(file);
@@ -36,15 +30,7 @@ async function main() {
     }));
     found[file] = [];
     for (const light of lights) {
-      const scene = new THREE.Scene(), lamp = new THREE.DirectionalLight(0xffffff, Math.PI);
-      lamp.position.set(...light);
-      scene.add(lamp, model);
-      renderer.setRenderTarget(target);
-      renderer.setClearColor(0, 0);
-      renderer.clear();
-      renderer.render(scene, camera);
-      const pixels = new Float32Array(4 * width * height);
-      renderer.readRenderTargetPixels(target, 0, 0, width, height, pixels);
+      const pixels = render(model, light);
       found[file].push(Array.from({ length: 4 * rows * columns }, (_, i) => {
         const texel = Math.floor(i / 4), row = zoom * Math.floor(texel / columns), column = zoom * (texel % columns);
         return pixels[4 * ((row + middle) * width + column + middle) + (i % 4)];
@@ -54,4 +40,4 @@ async function main() {
   return JSON.stringify({ found, said });
 }
 
-main().catch((error) => `failed: ${error.stack}`).then((text) => fetch("result", { method: "POST", body: text }));
+post(main());

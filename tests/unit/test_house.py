@@ -237,7 +237,7 @@ def test_optional_arguments_are_keyword_only():
 
 # What the rooms above the library use of it beyond public names and classes, `core` and `io`: the less the better.
 INNER = {
-    "cli": "FIGURES NORMALS SHOWN camera_axes center_of check_folder check_format check_page "
+    "cli": "FIGURES NORMALS SHOWN camera_axes center_of check_figure check_folder check_format check_page "
     "check_suffix draw_mask find_mask identifiers light_on_plane list_folder objects_seen photograph_files printable "
     "read_directions read_folder read_textured segments_of write_photographs write_textured",
     "exchange": "COUNT INDEX OUTSIDE camera_axes check_rgb dome rays_of reflectance",

@@ -217,6 +217,12 @@ def test_a_scene_chooses_the_set_and_the_tilt_of_its_lamp(tmp_path):
             ds.read_scene(write(tmp_path, "c.toml", scene.replace(old, new)))
 
 
+def test_a_suffix_of_no_figure_is_told_before_the_lamp_is_read(tmp_path, capfd):
+    with pytest.raises(SystemExit):
+        main(["lamp", str(tmp_path / "none.ies"), "-o", str(tmp_path / "a.gif")])
+    assert "a figure is written as .png, .pdf, .svg" in capfd.readouterr().err
+
+
 @pytest.mark.thorough
 def test_a_lamp_is_drawn_and_told_at_the_terminal(tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -56,7 +56,9 @@ def test_what_an_mtl_loses_is_said_in_one_line(case, read):
 
 
 def test_a_plain_mtl_is_read_without_a_word(read):
-    blender = "newmtl Material.003\nNs 250\nKa 1 1 1\nKd 0.8 0.1 0.1\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2\n"
+    blender = (
+        "newmtl Material.003\nNs 250\nKa 0.8 0.1 0.1\nKd 0.8 0.1 0.1\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.45\nd 1\nillum 2\n"
+    )
     found, said = read("a.mtl", blender)
     assert list(found) == ["Material.003"]
     assert said == ""
@@ -69,10 +71,29 @@ def test_what_blender_writes_of_ambient_light_is_no_glow_elsewhere(read, tmp_pat
     assert "Ka 1 1 1 all the same; it is not read" in said
     ds.exchange.write_material(tmp_path / "a.json", found)
     assert json.loads((tmp_path / "a.json").read_text())["emissive"] == 0
-    for other in (text.replace("# Blender", "# Maya"), text.replace("Ka 1.000000", "Ka 0.5")):
-        found, said = read("b.mtl", other)
-        assert np.any(found["a"].k_a)
-        assert not said
+    found, said = read("b.mtl", text.replace("Ka 1.000000", "Ka 0.5"))
+    assert np.any(found["a"].k_a)
+    assert not said
+
+
+def test_white_ambient_light_of_every_colour_is_what_exporters_write(read, tmp_path):
+    """Of white, or beside a map_Ka or another Ka, or in a file of ours, it may be meant, and is read."""
+    red, blue = "newmtl a\nKa 1 1 1\nKd 0.8 0.2 0.1\nillum 1\n", "newmtl b\nKa 1.0 1.0 1.0\nKd 0 0 1\nillum 1\n"
+    for text in (red, "# Maya\n" + red + blue):
+        found, said = read("a.mtl", text)
+        assert not any(np.any(material.k_a) for material in found.values())
+        assert "Ka 1 1 1 of every material, whatever its Kd, is what exporters write that know no ambient light" in said
+    for text in (
+        red.replace("0.8 0.2 0.1", "1 1 1"),
+        red + blue.replace("Ka 1.0", "Ka 0.5"),
+        red + "newmtl c\nKd 1 0 0\n",
+        "# written by diffshade\n" + red,
+    ):
+        found, said = read("b.mtl", text)
+        np.testing.assert_array_equal(found["a"].k_a, [1.0] * 3)
+        assert "Ka" not in said
+    ds.exchange.write_material(tmp_path / "c.mtl", ds.Material(1.0, (0.8, 0.2, 0.1)))
+    np.testing.assert_array_equal(ds.exchange.read_material(tmp_path / "c.mtl").k_a, [1.0] * 3)
 
 
 def test_a_colour_that_is_not_given_is_said(read):

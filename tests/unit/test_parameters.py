@@ -166,6 +166,16 @@ def test_tied_ties_only_what_is_free():
     assert places(linear) == [("lights.0.attenuation.linear", 0)]
 
 
+@pytest.mark.parametrize(
+    ("scene", "name", "ties"),
+    [(ONE, "k_s", False), (ONE, "attenuation", False), (MANY_KINDS, "k_s", True), (ONE, "exposure", True)],
+)
+def test_a_name_that_ties_nothing_is_said(scene, name, ties, caplog):
+    find(scene, ("k_s", "attenuation", "exposure"), name)
+    said = f"tied names '{name}', but there is one of each such free parameter: nothing is tied."
+    assert caplog.messages == ([] if ties else [said])
+
+
 def test_in_a_grey_fit_a_colour_is_one_unknown_and_a_position_three():
     grey = find(ONE, ("k_d", "position"), grey=True)
     assert [u.name for u in grey] == ["k_d", "position.x", "position.y", "position.z"]

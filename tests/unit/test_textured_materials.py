@@ -1,17 +1,21 @@
 """Material files with pictures: `convert` keeps them, and glass means the same in glTF as here."""
 
 import base64
+import io
 import itertools
 import json
 import os
+from urllib.parse import quote
 
 import numpy as np
 import pytest
 import textured_meshes as made
 from exchange_programs import assert_valid
+from PIL import Image
 
 import diffshade as ds
 from diffshade.cli import main
+from diffshade.exchange.base_colours import ColourPicture
 from diffshade.exchange.material_files import read_textured
 
 MTL = "newmtl wall\nKd 0.5 0.6 0.7\nmap_Kd {0}tile.png\nbump b.png\nnewmtl plain\nKd 1 0 0\n"
@@ -101,6 +105,24 @@ def test_what_is_packed_stays_packed_where_a_format_can(folder, converted):
     assert pictures(folder / "out" / "m.mtl")["opaque"].read() == many
 
 
+def test_a_metal_and_what_has_no_light_keep_what_their_pictures_colour(folder, converted):
+    """The highlight, by specularColorTexture or map_Ks; the emission alone. three.js has highlights of one colour."""
+    made.write(folder / "in" / "m.glb")
+    for name in ("m.gltf", "m.mtl", "m.json"):
+        said = converted(folder / "in" / "m.glb", folder / "out" / name)
+        materials, found = read_textured(folder / "out" / name)
+        assert ("metal: its picture colours a metal's highlight" in said) == (name == "m.json")
+        assert found["metal"].is_metal == (name != "m.json")
+        assert found["unlit"].fields == ("k_e",)
+        assert found["unlit"].picture is not None
+        np.testing.assert_allclose(materials["unlit"].k_e, made.FACTOR[:3], atol=0.003)
+    (folder / "in" / "a.mtl").write_text("newmtl lit\nKd 0.5 0 0\nKe 1 1 1\nmap_Ke tile.png\n")
+    for name, key in (("e.gltf", "emissiveTexture"), ("e.json", "emissiveMap")):
+        converted(folder / "in" / "a.mtl", folder / "out" / name)
+        document = json.loads((folder / "out" / name).read_text())
+        assert key in (document["materials"][0] if name == "e.gltf" else document)
+
+
 @pytest.mark.parametrize("suffix", [".c", ".py", ".inc", ".js"])
 def test_formats_without_pictures_say_so(suffix, folder, converted):
     said = converted(folder / "in" / "a.mtl", folder / "out" / f"a{suffix}")
@@ -122,6 +144,93 @@ def test_a_name_of_two_lines_writes_no_second_row(folder, converted):
     (folder / "in" / "x.gltf").write_text(json.dumps(document | {"materials": [row]}))
     converted(folder / "in" / "x.gltf", folder / "out" / "x.mtl")
     assert "map_Kd x_a.png\n" in (folder / "out" / "x.mtl").read_text()
+
+
+def encoded(kind):
+    file = io.BytesIO()
+    Image.fromarray(made.pictures()["many"].texels).save(file, kind, **({"lossless": True} if kind == "WEBP" else {}))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("kind", "to", "changed"),
+    [
+        ("WEBP", ".gltf", True),
+        ("WEBP", ".json", False),
+        ("WEBP", ".mtl", False),
+        ("TGA", ".gltf", True),
+        ("TGA", ".json", True),
+        ("TGA", ".mtl", False),
+    ],
+)
+def test_a_picture_that_not_every_program_shows_becomes_png(kind, to, changed, folder, converted):
+    """Its pixels are the same, and the picture that is there stays."""
+    name = f"tile.{kind.lower()}"
+    (folder / "in" / name).write_bytes(encoded(kind))
+    (folder / "in" / "tile.png").write_bytes(b"another")
+    (folder / "in" / "a.mtl").write_text(MTL.format("").replace("tile.png", name))
+    for place in ("in", "out"):
+        said = converted(folder / "in" / "a.mtl", folder / place / f"b{to}")
+        picture = pictures(folder / place / f"b{to}")["wall"]
+        assert picture.uri == (("b_wall.png" if place == "in" else "tile.png") if changed else name)
+        assert (f"wall: its picture is written as PNG: not all programs that read {to} show" in said) == changed
+        if changed:
+            assert picture.read().startswith(b"\x89PNG")
+        np.testing.assert_array_equal(picture.texels().stored, made.pictures()["many"].texels)
+    assert (folder / "in" / "tile.png").read_bytes() == b"another"
+
+
+def test_a_packed_picture_becomes_png_too_or_is_left_out(folder, converted):
+    for data, said in ((encoded("WEBP"), "is written as PNG"), (b"GIF89a", "It is left out.")):
+        (folder / "in" / "a.gltf").write_text(gltf_of("wall", data))
+        assert f"{said}" in converted(folder / "in" / "a.gltf", folder / "out" / "b.gltf")
+        document = json.loads((folder / "out" / "b.gltf").read_text())
+        found = [of["uri"][:22] for of in document.get("images", [])]
+        assert found == (["data:image/png;base64,"] if data.startswith(b"RIFF") else [])
+
+
+def test_names_that_a_uri_writes_otherwise(folder, converted):
+    """`#`, `%` and `?` have a meaning in a URI, and none in a name; what is on the web stays as it is."""
+    name = "50%41 #1?.png"
+    (folder / "in" / name).write_bytes(made.pictures()["many"].png())
+    (folder / "in" / "a.gltf").write_text(gltf_of("wall", b"").replace("data:image/png;base64,", quote(name)))
+    for one, other in (("in/a.gltf", "in/b.json"), ("in/b.json", "out/c.gltf"), ("out/c.gltf", "in/d.json")):
+        converted(folder / one, folder / other)
+        assert pictures(folder / other)["wall"].uri == name
+        document = json.loads((folder / other).read_text())
+        assert [of.get("uri", of.get("url")) for of in document["images"]] == ["50%2541%20%231%3F.png"]
+    converted(folder / "in" / "d.json", folder / "out" / "e.mtl")
+    assert pictures(folder / "out" / "e.mtl")["wall"].uri == "e_wall.png"
+    far = "https://example.org/a%20b.png?v=1"
+    (folder / "in" / "a.gltf").write_text(gltf_of("wall", b"").replace("data:image/png;base64,", far))
+    converted(folder / "in" / "a.gltf", folder / "out" / "f.json")
+    assert json.loads((folder / "out" / "f.json").read_text())["images"][0]["url"] == far
+
+
+def test_what_of_a_texture_is_not_applied_is_named(folder, converted, caplog):
+    row = {"name": "a", "emissiveTexture": {"index": 0}, "normalTexture": {"index": 0}}
+    row["occlusionTexture"] = {"index": 0}
+    row["pbrMetallicRoughness"] = {"metallicRoughnessTexture": {"index": 0}, "metallicFactor": 0}
+    (folder / "in" / "a.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "materials": [row]}))
+    converted(folder / "in" / "a.gltf", folder / "out" / "b.mtl")
+    for name in ("emissiveTexture", "normalTexture", "occlusionTexture", "metallicRoughnessTexture"):
+        assert f"'{name}'" in caplog.text
+    converted(folder / "in" / "a.mtl", folder / "in" / "b.json")
+    document = json.loads((folder / "in" / "b.json").read_text())
+    document["textures"][0] |= {"rotation": 0.5, "flipY": False}
+    (folder / "in" / "b.json").write_text(json.dumps(document))
+    caplog.clear()
+    converted(folder / "in" / "b.json", folder / "out" / "c.mtl")
+    assert "its map has rotation 0.5 and flipY false, which are not read; its colour alone is." in caplog.text
+    assert "names no picture" not in caplog.text
+
+
+def test_a_picture_is_read_once(folder, converted, monkeypatch):
+    made.write(folder / "in" / "m.glb", metallic=0.0)
+    reads, read = [], ColourPicture.read
+    monkeypatch.setattr(ColourPicture, "read", lambda self: reads.append(self.image) or read(self))
+    converted(folder / "in" / "m.glb", folder / "out" / "m.gltf")
+    assert sorted(reads) == [0, 1]
 
 
 GLASS = {

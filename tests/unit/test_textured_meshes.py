@@ -8,9 +8,13 @@ import mesh_files
 import numpy as np
 import pytest
 import textured_meshes as made
+from memory import forget_the_peak, peak
 from PIL import Image
 
 import diffshade as ds
+from diffshade.exchange.base_colours import ColourPicture
+from diffshade.exchange.mesh_objects import objects_seen
+from diffshade.io.encodings import srgb_decode
 
 pytest.importorskip("trimesh")
 pytest.importorskip("embreex")
@@ -99,6 +103,52 @@ def test_a_render_is_differentiable_in_a_factor_of_k_d(tmp_path):
         return ds.render(ds.Scene(ds.Object(item.surface, material), HEAD_ON), camera).sum((0, 1))
 
     np.testing.assert_allclose(jax.jacobian(total)(jax.numpy.ones(3)), 2 * np.eye(3), rtol=1e-5)
+
+
+def test_a_picture_without_places_on_its_faces_is_said(tmp_path, caplog):
+    Image.fromarray(np.full((2, 2, 3), 99, np.uint8)).save(tmp_path / "p.png")
+    (tmp_path / "a.mtl").write_text("newmtl a\nKd 1 1 1\nmap_Kd p.png\nnewmtl b\nKd 1 0 0\n")
+    camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(2, 2), local_viewer=False)
+    bare = mesh_files.QUAD + "mtllib a.mtl\nvt 0 0\nusemtl {}\n"
+    for name, faces, said in (
+        ("a", "f 1 2 3 4\n", "a.obj: 'a': its triangles have no texture coordinates; its picture is not shown there."),
+        ("a", "f 1/1 2/1 3/1\nf 1 3 4\n", "'a': 1 of its 2 triangles have no texture coordinates"),
+        ("a", "f 1/1 2/1 3/1 4/1\n", ""),
+        ("b", "f 1 2 3 4\n", ""),
+    ):
+        caplog.clear()
+        (tmp_path / "a.obj").write_text(bare.format(name) + faces)
+        ds.exchange.read_mesh_objects(tmp_path / "a.obj", camera)
+        assert (said in caplog.text) if said else not caplog.messages
+
+
+def test_a_name_that_a_format_changed_is_the_same_name(tmp_path, caplog):
+    camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(2, 4), local_viewer=False)
+    for of_mesh, of_file in (("half red", "half_red"), ("half_red", "half red"), ("Wand.001", "Wand_001")):
+        (tmp_path / "m.mtl").write_text(f"newmtl {of_file}\nKd 1 0 0\nillum 1\nnewmtl blue\nKd 0 0 1\nillum 1\n")
+        (tmp_path / "a.obj").write_text(mesh_files.TWO.format("1 2 3 4", "5 6 7 8").replace("red", of_mesh))
+        red, blue = objects_seen(tmp_path / "a.obj", str(tmp_path / "m.mtl"))(camera)
+        assert (red.material.k_d.tolist(), blue.material.k_d.tolist()) == ([1, 0, 0], [0, 0, 1])
+    (tmp_path / "m.mtl").write_text("newmtl half_rot\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
+    (tmp_path / "a.obj").write_text(mesh_files.TWO.format("1 2 3 4", "5 6 7 8").replace("red", "half red"))
+    with pytest.raises(ValueError, match=r"'half red', which .*m.mtl lacks. Add it. Did you mean 'half_rot'\?"):
+        objects_seen(tmp_path / "a.obj", str(tmp_path / "m.mtl"))
+    (tmp_path / "a.obj").write_text("mtllib m.mtl\n" + (tmp_path / "a.obj").read_text())
+    objects_seen(tmp_path / "a.obj")
+    said = f"{tmp_path}/a.obj: faces name the material 'half red', which its files lack; they are grey."
+    assert caplog.messages == [said]
+
+
+def test_a_large_picture_takes_a_few_times_its_bytes(tmp_path):
+    n = 3000
+    Image.fromarray(np.tile(np.arange(n, dtype=np.uint8)[:, None, None], (1, n, 4))).save(tmp_path / "p.png")
+    picture = ColourPicture(tmp_path / "a.mtl", "p.png")
+    start = forget_the_peak()
+    texels = picture.texels()
+    assert peak() - start < 6 * 4 * n * n  # 0.9 GB for 6000 x 6000
+    right = srgb_decode(np.array([3, 4]) / 255)
+    at = np.array([[0.5, 3.5 / n], [0.5, 4.0 / n]])
+    np.testing.assert_allclose(picture.at(texels, at)[:, 0], [right[0], right.mean()], atol=1e-12)
 
 
 @pytest.mark.thorough

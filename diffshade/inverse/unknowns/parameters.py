@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -19,11 +20,13 @@ from ...model.scenes import Scene, bends
 from ..data.views import View, lights_on
 from .constraints import COLOURS, Grey, Proportional, colourless, products_of, proportions_of
 from .light_priors import stated_errors
-from .names import means, names_of, segments_of, short_names, tied_name
+from .names import means, names_of, rest_after, segments_of, short_names, tied_name
 from .places import Known, Place, everything
 from .ranges import check_directions, check_names_an_unknown, prior_of, range_of
 from .slots import value_in
 from .unknown import Named, Product, Unknown
+
+_LOGGER = logging.getLogger("diffshade")
 
 
 def find_unknowns(
@@ -77,6 +80,7 @@ def find_unknowns(
     one_channel = colourless(constraints, freed, known)
     proportions = proportions_of(constraints, freed, known)
     _check_are_free("tied", tied, freed, known)
+    _say_what_ties_nothing(tied, freed)
     _check_are_free("constraints", [c.name for c in constraints if getattr(c, "factor", None) is None], freed, known)
     own = [place for place in freed if place not in proportions]
     found = _named(own, set(freed) if grey else one_channel, tied, scene.channels, known)
@@ -203,6 +207,14 @@ def _check_are_free(where: str, names: Sequence[str], freed: Sequence[Place], kn
     for name in names_of(where, names, known):
         if not any(means(name, place) for place in freed):
             raise ValueError(f"{where} names '{name}', which is not free. Add it to free, or leave it out.")
+
+
+def _say_what_ties_nothing(tied: Sequence[str], freed: Sequence[Place]) -> None:
+    """Say which names make no two free parameters one, such as that of the one material of a scene."""
+    for name in tied:
+        rests = [rest_after(name, place) for place in freed if means(name, place)]
+        if len(set(rests)) == len(rests):
+            _LOGGER.warning("tied names '%s', but there is one of each such free parameter: nothing is tied.", name)
 
 
 def _frees(name: str, place: Place, known: Known) -> bool:
