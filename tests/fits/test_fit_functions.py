@@ -10,6 +10,7 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
+from diffshade.inverse.fit_functions import FitFunction
 
 LAMPS = (ds.PointLight((2, 3, 4), 20, ds.RadialAttenuation(1, 0.1, 0.5)), ds.DirectionalLight((1, -1, -1), 0.3))
 FREE = ("k_a", "k_d", "k_s", "n_s")
@@ -36,6 +37,15 @@ def few():
     images, cost = drawn(6, 16)
     function = ds.fit_function(TOLD, ds.View(images[0], camera(16)), free=FREE)
     return function, images, jax.jit(jax.vmap(function))(images), cost
+
+
+def test_it_is_compiled_once_for_a_caller_who_compiles_nothing():
+    (image, other), _ = drawn(2, 12)
+    function = ds.fit_function(TOLD, ds.View(image, camera(12)), free=("k_a", "k_d"))
+    function(image)
+    before = FitFunction._fitted._cache_size()
+    function(other)
+    assert FitFunction._fitted._cache_size() == before > 0
 
 
 @pytest.mark.thorough
