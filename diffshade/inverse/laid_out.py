@@ -74,7 +74,7 @@ class LaidOut:
             lower[list(held)] = upper[list(held)] = list(held.values())
             theta = np.clip(theta, lower, upper)
             box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
-            task = Task(self.model, task.priors, box)
+            task = task.using(box=box)
         return minimise(
             theta,
             task,

@@ -23,6 +23,7 @@ from ..model.scenes import Object, Scene
 from ..parallel.threads import on_all_cores
 from .data.samples import MIN_PIXELS
 from .data.view_sets import ViewSet
+from .forward.copies import Copies, copies_for
 from .forward.features import feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
 from .forward.layout import points_of, weigh, with_weights, without_clipped
@@ -37,6 +38,7 @@ from .pixels.blocks import (
     Piece,
     block_size,
     chunks,
+    filled,
     observed,
     pieces,
     shares,
@@ -46,7 +48,6 @@ from .solve.solvers import BoxConstraints, PriorResiduals, Task
 from .solve.start_search import steepest
 from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, free_places, unit_vectors
-from .unknowns.visibility import arrow_of
 
 PART = 2 * MANY  # pixels on which the search for a start follows its candidates
 FEW = 2 * BLOCK  # pixels on which it judges them, where they are many
@@ -66,6 +67,8 @@ class FitProblem:
     model: AbstractForwardModel
     """It begins with squares, scale 1 and no steps of the files; later stages replace these."""
     box: BoxConstraints
+    copies: Copies | None
+    """What programs are given of more views; None where the problem goes to them as it is."""
     block_size: int
     over_pixels: tuple[Object, ...]
     """What of the objects comes with the pixels (`slots.apart`)."""
@@ -130,7 +133,9 @@ class FitProblem:
 
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
-        laid = self.chunks(FEW, min(self.block_size, max(FEW // max(len(self.data.views), 2), MIN_PIXELS)))
+        views = len(self.data.views)
+        size = min(self.block_size, max(FEW // filled(max(views, 2)), MIN_PIXELS))
+        laid = self.chunks(views * size, size)
         return self.measured(laid)
 
     def measured(self, laid: list[Block]) -> list[Block]:
@@ -141,7 +146,8 @@ class FitProblem:
         """Return the chunks with weights by the noise at the level that theta predicts."""
         if self.data.homoscedastic:
             return laid
-        return on_all_cores(lambda chunk: weigh(jnp.asarray(theta), self.model, chunk), laid)
+        at, model = self.filled(theta)
+        return on_all_cores(lambda chunk: weigh(jnp.asarray(at), model, chunk), laid)
 
     def sum_of_squares(self, chunks: Sequence[Block]) -> float:
         """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
@@ -161,7 +167,13 @@ class FitProblem:
 
     def task(self, squares: float) -> Task:
         """Return what is to be minimised."""
-        return Task(self.model, self.priors(squares), self.box)
+        return Task(self.model, self.priors(squares), self.box, self.copies)
+
+    def filled(self, theta: Any) -> tuple[Any, AbstractForwardModel]:
+        """Return unknowns and the model as programs take them, with the copies."""
+        if self.copies is None:
+            return theta, self.model
+        return self.copies.beside(theta), self.copies.model(self.model)
 
 
 def fit_problem(
@@ -185,12 +197,12 @@ def fit_problem(
     else:
         model = RenderedModel(setting, likelihood, steepest(unknowns))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-    linear, arrow = np.array([u.parameter.linear for u in unknowns]), arrow_of(scene, data.views, unknowns)
+    linear, (copies, arrow) = np.array([u.parameter.linear for u in unknowns]), copies_for(scene, data.views, unknowns)
     in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
     box = BoxConstraints(lower, upper, linear, arrow, bool(in_border))
     size = block_size(data.pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
-    return FitProblem(scene, data, unknowns, loss, model, box, size, over_pixels)
+    return FitProblem(scene, data, unknowns, loss, model, box, copies, size, over_pixels)
 
 
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:

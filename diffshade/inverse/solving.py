@@ -17,6 +17,7 @@ from ..core.thresholds import MAX_STEPS, ROUNDING
 from ..model.scenes import Scene
 from ..parallel.threads import on_all_cores
 from .data.view_sets import ViewSet
+from .forward.copies import copies_for
 from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
 from .forward.sums import residuals
@@ -113,7 +114,8 @@ def _search(
     if wide is not problem.scene:
         setting = prepare(wide, problem.data.views, problem.unknowns)
         model = eqx.tree_at(lambda m: m.setting, problem.model, setting)
-        problem, near = dataclasses.replace(problem, model=model), False
+        copies, _ = copies_for(wide, problem.data.views, problem.unknowns)
+        problem, near = dataclasses.replace(problem, model=model, copies=copies), False
     if problem.model.setting.blurred:  # a pixel is rendered at many places, so that few of them must do
         measured, near = problem.few(), False
         squares = problem.sum_of_squares(measured)
@@ -159,7 +161,8 @@ def _settle(
 
 def _scale(problem: FitProblem, part: list[Block], theta: Theta, *, robust: bool) -> float:
     """Return the scale of the residuals: by the median of their size, or their root mean square."""
-    found = on_all_cores(lambda chunk: residuals(jnp.asarray(theta), problem.model, chunk), part)
+    at, model = problem.filled(theta)
+    found = on_all_cores(lambda chunk: residuals(jnp.asarray(at), model, chunk), part)
     r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
     return robust_scale(r) if robust else float(np.sqrt(np.mean(r**2)))
 

@@ -22,7 +22,7 @@ def spread_at(end: Minimum, laid: LaidOut) -> Spread:
     if model.projects and cost > 1e-8 * laid.squares:  # a smaller cost has lost its digits by cancellation
         count = float(sum(s.count for s in laid.problem.data.samples))
         return np.array([count, *[2 * cost] * 2, *[count] * 2])
-    return np.asarray(sum_over(laid.chunks, spread, end.point.theta, model))
+    return np.asarray(sum_over(laid.chunks, spread, *laid.problem.filled(end.theta)))
 
 
 def rounded_at(end: Minimum, laid: LaidOut, of: Spread) -> Rounded | None:
@@ -38,12 +38,14 @@ def rounded_at(end: Minimum, laid: LaidOut, of: Spread) -> Rounded | None:
     steps = find_rounding(problem.values(problem.pieces(PART, problem.size_for(PART))), levels)
     if not steps.exists:
         return None
-    count, variance = sum_over(laid.chunks, variance_of_steps, steps, laid.model)
+    filled = steps if problem.copies is None else problem.copies.rounding(steps)
+    count, variance = sum_over(laid.chunks, variance_of_steps, filled, problem.filled(end.theta)[1])
     of_steps = float(variance / max(count, 1.0))  # mean square of the weighted residuals that rounding alone makes
     beyond = max(square - of_steps, 0.0)
     if beyond > 12.0 * MOST_NOISE**2 * of_steps:
         return None
     rounding = dataclasses.replace(steps, noise=np.asarray(np.sqrt(beyond)))
     held = of_steps * share_of_waves(beyond / (12.0 * of_steps))
-    rows = sum_over(laid.chunks, waves, end.point.theta, problem.with_rounding(rounding).model)
-    return Rounded(rounding, np.asarray(rows), min(held / max(square, 1e-300), 1.0))
+    rows = sum_over(laid.chunks, waves, *problem.with_rounding(rounding).filled(end.theta))
+    rows = np.asarray(rows)[: len(levels), : len(end.theta)]
+    return Rounded(rounding, rows, min(held / max(square, 1e-300), 1.0))

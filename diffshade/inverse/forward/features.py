@@ -37,11 +37,13 @@ from .lighting import (
     Fields,
     Lit,
     Seen,
+    cameras_at,
     faded,
     fields_of_chunk,
     fields_seen,
     fields_seen_by_chunk,
     intensities_of,
+    lamps_at,
     lit_by,
     points_seen,
     seen_by_chunk,
@@ -89,21 +91,24 @@ class FeatureModel(AbstractForwardModel):
 
     def seen(self, pixels: Pixels, view: Any, counts: Any) -> Seen:
         """Return the points that a chunk's pixels show."""
-        return seen_by_chunk(self.setting, pixels, view, counts)
+        return seen_by_chunk(*cameras_at(self.setting, view), pixels, counts)
 
     def lit(self, seen: Seen, view: Any) -> Fields | Seen:
         """Return the fields of a chunk's points; the points themselves where a light moves."""
-        return seen if any(self.placed) else fields_of_chunk(self.setting, seen, view)
+        return seen if any(self.placed) else fields_of_chunk(*lamps_at(self.setting, view), seen)
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return `lit` of `seen`, by one program where the lights are known, which does not store the points."""
         if any(self.placed):
             return super().fields(pixels, view, counts)
-        return fields_seen_by_chunk(self.setting, pixels, view, counts)
+        return fields_seen_by_chunk(cameras_at(self.setting, view), lamps_at(self.setting, view), pixels, counts)
 
     def points(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return `fields` as a part of another program, with derivatives by the scene and the cameras."""
-        return (points_seen if any(self.placed) else fields_seen)(self.setting, pixels, view, counts)
+        cameras = cameras_at(self.setting, view)
+        if any(self.placed):
+            return points_seen(*cameras, pixels, counts)
+        return fields_seen(cameras, lamps_at(self.setting, view), pixels, counts)
 
     def rows(self, scene: Any, view: Array, points: Fields | Seen) -> list[Any]:
         """Return F of a block: 1, then u and v of each light, then their derivatives for each light."""

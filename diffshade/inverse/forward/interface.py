@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from abc import abstractmethod
 from typing import Any
 
@@ -127,6 +128,10 @@ class AbstractForwardModel(eqx.Module):
         """Return the weight of each sample, 0 where it was clipped."""
         weight, clipped = self.sample_weights(block), block.observed.clipped
         return weight if clipped is None else jnp.where(clipped == 0, weight, 0.0)
+
+    def widened(self, setting: Setting) -> AbstractForwardModel:
+        """Return the model in a setting with more views and unknowns after its own."""
+        return dataclasses.replace(self, setting=setting)
 
     def use(self, likelihood: Likelihood) -> AbstractForwardModel:
         """Return the model with another likelihood."""

@@ -74,11 +74,11 @@ def points_of(
 
     def seen(key: tuple) -> Any:
         """Return what a camera shows; blocks of a chunk that show the same are found once."""
-        parts, different = first[by_camera[key][0]], list(dict.fromkeys(key))
-        if (length := padded_length(len(different))) >= len(parts):
+        parts, different = first[by_camera[key][0]], _different(key)
+        if (length := padded_length(1 + len(different))) >= len(parts):
             return jax.device_put(model.seen(*pixels_of(parts, len(parts))))
         once = model.seen(*pixels_of([parts[key.index(block)] for block in different], length))
-        index = [different.index(block) for block in key]
+        index = [different.index(block) if block[1] else len(different) for block in key]
         return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
 
     def lit(keys: Sequence[tuple]) -> dict[tuple, Any]:
@@ -95,10 +95,15 @@ def points_of(
     return [found[pair] for pair in alike]
 
 
+def _different(key: Sequence[tuple]) -> list[tuple]:
+    """Return the blocks of a chunk that show different pixels, without the empty ones."""
+    return list(dict.fromkeys(block for block in key if block[1]))
+
+
 def _repeats(key: Sequence[tuple]) -> bool:
-    """Whether blocks of a chunk show the same pixels, so that finding these once saves something."""
-    filled = [block for block in key if block[1]]
-    return len(set(filled)) < len(filled) and padded_length(len(set(key))) < len(key)
+    """Whether blocks of a chunk show the same pixels, so that finding these once, and an empty one, saves something."""
+    different, filled = len(_different(key)), sum(block[1] != 0 for block in key)
+    return different < filled and padded_length(1 + different) < len(key)
 
 
 def with_weights(model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:

@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float
 
 from ...core.backend import SOONER, jit_quickly
 from ...core.fields import Array
+from ...model.cameras import Projection
 from ...model.lobes import AbstractPowerLobe
-from ...model.scenes import together
+from ...model.scenes import Object, together
 from ...model.vectors import Vec3, dot
 from .interface import Pixels, Setting
 
@@ -70,11 +71,24 @@ def intensities_of(scene: Any, lit: Any) -> Float[Array, "views lights channels"
     return jnp.concatenate([jnp.zeros((views, 0, scene.width)), *found], 1)
 
 
-def seen_by(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
+def cameras_at(setting: Setting, view: Any) -> tuple[tuple[Object, ...], Projection]:
+    """Return the objects of a setting, and the rays of each block: all that `points_seen` asks of it."""
+    return setting.setup.scene.objects, jax.tree.map(lambda leaf: leaf[view], setting.projections)
+
+
+def lamps_at(setting: Setting, view: Any) -> tuple[Any, list[Any]]:
+    """Return the lobe of a setting, and the lights that are on in each block: all that `fields_at` asks of it."""
+    scene, lamps = setting.setup.scene, []
+    for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
+        for k in range(index.shape[1]):
+            lamps.append(jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack))
+    return scene.objects[0].material.lobe, lamps
+
+
+def seen_by(objects: tuple[Object, ...], projection: Projection, pixels: Pixels, counts: Array) -> Seen:
     """Return the points that a block's pixels show."""
-    projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
     rays = projection.rays(pixels.row, pixels.column)
-    (item,) = together(pixels.objects, setting.setup.scene.objects)
+    (item,) = together(pixels.objects, objects)
     hit = item.surface.intersect(rays)
     # a backward axis is one for all pixels
     v = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, pixels.row.shape), projection.viewer(hit.p))
@@ -124,22 +138,17 @@ def faded(light: Any, names: Sequence[str], d: Numbers | None) -> tuple[Numbers,
     return law(d), [slope(name) for name in names]
 
 
-def points_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
+def points_seen(objects: tuple[Object, ...], projections: Projection, pixels: Pixels, counts: Array) -> Seen:
     """Return the points that a chunk's pixels show."""
-    return jax.vmap(partial(seen_by, setting))(pixels, view, counts)
+    return jax.vmap(partial(seen_by, objects))(projections, pixels, counts)
 
 
-def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
-    """Return the fields of a chunk's points, which its views' lights decide."""
-    scene = setting.setup.scene
-    lobe: Any = scene.objects[0].material.lobe
+def fields_at(lobe: AbstractPowerLobe, lamps: list[Any], seen: Seen) -> Fields:
+    """Return the fields of a chunk's points, which the lamps of each block decide."""
 
-    def of_block(seen: Seen, view: Array) -> Fields:
+    def of_block(seen: Seen, lamps: list[Any]) -> Fields:
         one = jnp.ones_like(seen.n.x)
-        rows: list[Lit] = []
-        for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
-            for k in range(index.shape[1]):
-                rows.append(lit_by(jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack), lobe, seen))
+        rows = [lit_by(lamp, lobe, seen) for lamp in lamps]
         if not rows:
             none = jnp.zeros((0, *seen.counts.shape))
             return Fields(seen.counts, none, none, None, None)
@@ -148,19 +157,21 @@ def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
         diffuse, log, d, f_ang = (jnp.stack(of) for of in zip(*filled, strict=True))
         return Fields(seen.counts, diffuse, log, d if local else None, f_ang if angular else None)
 
-    return jax.vmap(of_block)(seen, view)
+    return jax.vmap(of_block)(seen, lamps)
 
 
-def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
+def fields_seen(
+    cameras: tuple[tuple[Object, ...], Projection], lamps: tuple[Any, list[Any]], pixels: Pixels, counts: Array
+) -> Fields:
     """Return the fields of a chunk's pixels."""
-    return fields_at(setting, points_seen(setting, pixels, view, counts), view)
+    return fields_at(*lamps, points_seen(*cameras, pixels, counts))
 
 
 def _or(found: Numbers | None, default: Numbers) -> Numbers:
     return default if found is None else found
 
 
-# The same, compiled
+# The same, compiled: for so many blocks, not for so many views or unknowns
 seen_by_chunk = jit_quickly(points_seen, options=SOONER)
 fields_of_chunk = jit_quickly(fields_at, options=SOONER)
 fields_seen_by_chunk = jit_quickly(fields_seen, options=SOONER)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -62,6 +63,14 @@ class RenderedModel(AbstractForwardModel):
     def transparent(self) -> bool:
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
         return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
+
+    def widened(self, setting: Setting) -> RenderedModel:
+        """Return the model in a setting with more views and unknowns after its own."""
+        model, p = dataclasses.replace(self, setting=setting), len(setting.slots.logarithmic)
+        if self.steepest is None:
+            return model
+        beyond = np.full(p - len(self.steepest), np.inf)
+        return dataclasses.replace(model, steepest=np.append(self.steepest, beyond))
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""

@@ -120,10 +120,9 @@ def _duller(picture: Float[np.ndarray, "h w c"]) -> Iterator[Float[np.ndarray, "
 def linearise(set_up: SetUp, state: Corrected) -> Linearised:
     """Return the samples of a state and their derivatives."""
     found: list[list[np.ndarray]] = []
-    theta, used = jnp.asarray(state.theta), [channels(view) for view in set_up.fit.views]
-    laid = on_all_cores(
-        lambda chunk: _samples(theta, set_up.shown, set_up.laid.model, chunk), set_up.chunks(state.excluded)
-    )
+    theta, used = state.theta, [channels(view) for view in set_up.fit.views]
+    at, model = set_up.laid.problem.filled(theta)
+    laid = on_all_cores(lambda chunk: _samples(at, model, chunk), set_up.chunks(state.excluded))
     for of_chunk, parts in zip(laid, in_chunks(set_up.laid.parts), strict=True):
         arrays = [np.asarray(of) for of in of_chunk]
         for b, part in enumerate(parts):
@@ -133,13 +132,13 @@ def linearise(set_up: SetUp, state: Corrected) -> Linearised:
     index = set_up.shown[set_up.view].T
     shown = index < len(theta)
     jacobian = sparse.csr_array((J[shown], (index[shown], np.nonzero(shown)[1])), shape=(len(theta), len(predicted)))
-    known = prior_gram(state.theta, set_up.laid.task.priors)
+    known = prior_gram(state.theta, set_up.laid.task)
     hessian, gradient = np.asarray(known.hessian), np.asarray(known.gradient)
     return Linearised(set_up, state, predicted, jacobian, slope, weight, int(np.sum(base > 0)), hessian, gradient)
 
 
 @partial(jit_quickly, options=PLAINLY)
-def _samples(theta: Array, shown: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
+def _samples(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
     """Return a chunk's predictions, their changes by what each view shows, the cost's slopes and curvatures, weights.
 
     The weight of a clipped sample, which was not measured, is 0.
@@ -149,7 +148,7 @@ def _samples(theta: Array, shown: Array, model: AbstractForwardModel, chunk: Blo
         m, derivative = jax.linearize(lambda q: jnp.stack(model.predict(q, block)), theta)
         seen = block.observed
         terms = model.likelihood.terms(m, seen.target, model.sample_weights(block), seen.clipped)
-        J = jax.vmap(derivative)(directions_of(shown, block.view, len(theta))[1])
+        J = jax.vmap(derivative)(directions_of(model.setting.shown, block.view, len(theta))[1])
         return m, J, terms.slope, terms.curvature, model.measured_weights(block)
 
     return jax.lax.map(of_block, chunk)

@@ -69,8 +69,8 @@ Sums = tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]  # of res
 
 def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     """Return what is left of each view, at these numbers; clipped samples count as met."""
-    at, views = jnp.asarray(theta), laid.problem.data.views
-    done = on_all_cores(lambda chunk: _residuals(at, laid.model, chunk), laid.chunks)
+    (at, model), views = laid.problem.filled(theta), laid.problem.data.views
+    done = on_all_cores(lambda chunk: _residuals(jnp.asarray(at), model, chunk), laid.chunks)
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in views]
     for of_chunk, parts in zip(done, in_chunks(laid.parts), strict=True):
         residual, light = (np.asarray(of) for of in of_chunk)

@@ -20,8 +20,9 @@ BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in 
 LARGE = 8  # blocks: a view of more has a little of one of them padded at most
 MANY = LARGE * BLOCK  # pixels of all views: passes over more are worth compiling for their own size of block
 CACHE_LINE = 64  # bytes
-OF_PART = 8  # blocks in each of the two chunks of a part of the pixels
-SEVERAL = 16 * OF_PART  # the most blocks that are cut as a part of them is
+OF_PART = 8  # blocks in a chunk of few, such as a part of the pixels
+SEVERAL = 16 * OF_PART  # the most blocks that are few
+OWN = 4  # views at most, or blocks in a chunk, that have programs for their own number
 CHUNK = 32  # blocks at most in one call of a compiled program
 
 
@@ -71,7 +72,22 @@ def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
     total = sum(pixels)
     if at_most is None or at_most >= total:
         return list(pixels)
+    if len(pixels) > OWN:
+        at_most = len(pixels) * few_sizes(at_most // len(pixels))
     return [max(n * at_most // total, min(n, MIN_PIXELS)) for n in pixels]
+
+
+def filled(count: int) -> int:
+    """Return to how many views so many are filled up: a few numbers."""
+    if count <= OWN:
+        return count
+    return -(-count // CHUNK) * CHUNK if count > CHUNK else 1 << (count - 1).bit_length()
+
+
+def few_sizes(count: int) -> int:
+    """Return a power of two, or one and a half of it, of at most `count`: views in many numbers have equal shares."""
+    power = 1 << max(count.bit_length() - 1, 0)
+    return power + power // 2 if power + power // 2 <= count else power
 
 
 def block_size(pixels: Sequence[int], places: int = 1) -> int:
@@ -94,14 +110,12 @@ def block_size(pixels: Sequence[int], places: int = 1) -> int:
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
     """Gather blocks into chunks, filled up with empty ones to one length, so that one program serves all.
 
-    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty. One
-    view, or views with different pieces, of more than `LARGE` blocks each on average are cut as a part of them is
-    (`problem.PART`), up to `SEVERAL` blocks in all: one program then serves both.
+    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty.
     """
     if not parts:
         return []
     runs = [list(of) for _, of in itertools.groupby(parts, key=lambda part: part.view)]
-    length, of_view = _chunk_length(len(parts)), len(runs[0])
+    length, of_view = _chunk_length(len(parts), alone=len(runs) == 1), len(runs[0])
     if len({tuple(id(part.pixels) for part in run) for run in runs}) == 1 < len(runs):
         if of_view > CHUNK:
             share = -(-of_view // -(-of_view // CHUNK))
@@ -109,8 +123,6 @@ def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
         at_once = of_view * max(length // of_view, 1)
         if 8 * (-len(parts) % at_once) <= len(parts):
             length = at_once
-    elif len(parts) > LARGE * len(runs) and 2 * OF_PART < len(parts) <= SEVERAL:
-        length = OF_PART
     return _cut(parts, length)
 
 
@@ -121,16 +133,16 @@ def _cut(parts: Sequence[Piece], length: int) -> list[list[Piece]]:
     return [filled[start : start + length] for start in range(0, len(filled), length)]
 
 
-def _chunk_length(count: int) -> int:
-    """Return the number of blocks in each of the chunks that hold `count` of them.
+def _chunk_length(count: int, *, alone: bool) -> int:
+    """Return the number of blocks in each of the chunks that hold `count` of them, of one view alone or of several.
 
-    Few chunks are a power of two, which cores share equally, as far as `padded_length` lets them; a chunk of fewer than
-    4 blocks is not worth its call.
+    A few lengths serve any number of views, and a part of the pixels (`problem.PART`) as all of them.
     """
-    chunks = max(-(-count // CHUNK), min(count // 4, 2), 1)
-    if chunks < CHUNK:
-        chunks = 1 << (chunks - 1).bit_length()
-    return padded_length(-(-count // chunks))
+    if alone and count <= 2 * OF_PART:
+        return padded_length(-(-count // min(max(count // 4, 1), 2)))
+    if count <= OF_PART:
+        return min(count, OWN)
+    return OF_PART if count <= SEVERAL else CHUNK
 
 
 def padded_length(count: int) -> int:

@@ -64,7 +64,7 @@ def from_broad_highlights(
     if max(_error(of, begin, unknowns, scene) for of in lights) * np.sqrt(sharpest) <= NARROW:  # of width n_s^-1/2
         return end
     held = tuple(np.where(exponents, begin, limit) for limit in (task.box.lower, task.box.upper))
-    broad = Task(task.model, task.priors, eqx.tree_at(lambda box: (box.lower, box.upper), task.box, held))
+    broad = task.using(box=eqx.tree_at(lambda box: (box.lower, box.upper), task.box, held))
     moved = minimise(begin, broad, chunks, squares=squares, max_steps=SHORT, rtol=1e-4).theta
     return min(end, follow(moved, task, chunks, squares), key=lambda of: of[0])
 
@@ -128,8 +128,8 @@ def _costs(
     theta: Theta, shows: Bool[np.ndarray, "lights views"], lights: Lights, task: Task, chunks: Sequence[Block]
 ) -> Float[np.ndarray, " lights"]:
     """Return what the views of each light cost, and its place by what is known of it beforehand."""
-    of_view = np.zeros(shows.shape[1])
-    for chunk, of_blocks in zip(chunks, on_all_cores(lambda of: _cost(theta, task.model, of), chunks), strict=True):
+    of_view, at = np.zeros(shows.shape[1]), task.beside(theta)
+    for chunk, of_blocks in zip(chunks, on_all_cores(lambda of: _cost(at, task.filled[0], of), chunks), strict=True):
         np.add.at(of_view, np.asarray(chunk.view), np.asarray(of_blocks))
     return shows @ of_view + _known(theta, lights, task)
 

@@ -17,12 +17,13 @@ from ...core import fields
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...core.thresholds import MAX_STEPS, TINY
 from ...parallel.threads import on_all_cores
+from ..forward.copies import Copies
 from ..forward.gram import Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
 from .descent import BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step, stalls
-from .elimination import Arrowhead, Dense, nothing
+from .elimination import Arrowhead, Dense, Symmetric, nothing
 
 # The damping of the first step: from anywhere, from values that somebody states (as Ceres' own first step has it), and
 # from what is nearly the minimum already.
@@ -69,13 +70,58 @@ class BoxConstraints(eqx.Module):
 class Task:
     """What is to be minimised: the model that predicts, what is known beside the views, and the range of the unknowns.
 
-    Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time.
+    Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time: with the
+    `copies`, whose unknowns come after the problem's own.
     """
 
-    def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: BoxConstraints):
-        self.model, self.priors, self.box = model, priors, box
-        self.model_leaves, self.model_structure = jax.tree.flatten(model)
-        self.leaves, self.structure = jax.tree.flatten((model, priors, box))
+    def __init__(
+        self, model: AbstractForwardModel, priors: PriorResiduals, box: BoxConstraints, copies: Copies | None = None
+    ):
+        self.model, self.priors, self.box, self.copies = model, priors, box, copies
+        self.filled = model, priors, box
+        if copies is not None:
+            self.filled = copies.model(model), _priors_beside(priors, copies, len(box.lower)), _box_beside(box, copies)
+        self.model_leaves, self.model_structure = jax.tree.flatten(self.filled[0])
+        self.leaves, self.structure = jax.tree.flatten(self.filled)
+
+    def using(self, *, model: AbstractForwardModel | None = None, box: BoxConstraints | None = None) -> Task:
+        """Return the task with another model or other ranges."""
+        return Task(model or self.model, self.priors, box or self.box, self.copies)
+
+    def beside(self, theta: Any, value: Any = None) -> Any:
+        """Return what each unknown has, as programs take it; those of the copies a value, by default where they are."""
+        return theta if self.copies is None else self.copies.beside(theta, value)
+
+    def own(self, point: Point) -> Point:
+        """Return a point of the problem's own unknowns and views, from one that a program returned."""
+        if self.copies is None:
+            return point
+        p, total = len(self.box.lower), jax.tree.map(np.asarray, point.total)
+        if (arrow := self.box.arrow) is None:
+            H: Symmetric = Dense(total.hessian.whole[:p, :p])
+        else:
+            own = self.copies.own
+            H = Arrowhead(total.hessian.border, total.hessian.side[own], total.hessian.blocks[own], arrow, p)
+        gram = Gram(total.cost, total.gradient[:p], H)
+        return Point(np.asarray(point.theta)[:p], gram, self.copies.without(point.views, p))
+
+
+def _priors_beside(priors: PriorResiduals, copies: Copies, p: int) -> PriorResiduals:
+    """Return the priors with those of the copies, which are met where the copies are held."""
+    return PriorResiduals(
+        np.append(priors.index, p + copies.known),
+        np.append(priors.mean, copies.theta[copies.known]),
+        np.append(priors.weight, np.ones(len(copies.known))),
+        np.concatenate([priors.units, p + copies.units]),
+        priors.unit_weight,
+    )
+
+
+def _box_beside(box: BoxConstraints, copies: Copies) -> BoxConstraints:
+    """Return the ranges with those of the copies, which are held."""
+    linear = np.append(box.linear, copies.linear & np.any(box.linear))
+    arrow = None if box.arrow is None else copies.arrow
+    return BoxConstraints(copies.beside(box.lower), copies.beside(box.upper), linear, arrow, box.in_border)
 
 
 def point_of(
@@ -147,6 +193,11 @@ def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> 
 
 def evaluate(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
     """Return the point at theta, or, for a model that projects, at its best linear unknowns: one pass, on all cores."""
+    return task.own(evaluate_filled(task.beside(theta), task, chunks))
+
+
+def evaluate_filled(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
+    """Return `evaluate` with the copies, at unknowns that have theirs."""
     program = _summary_unfused if task.model.transparent and jax.default_backend() == "cpu" else _summary
     summaries = on_all_cores(lambda chunk: program(task.model_structure, task.model_leaves, theta, chunk), chunks)
     return _evaluate(task.structure, task.leaves, theta, total(summaries))
@@ -233,9 +284,9 @@ def minimise(
     This is `optimistix.minimise` step by step: a compiled program asks the solver for each step, and the passes between
     the steps run on all cores, which no traced loop can.
     """
-    solver = _solver(task.box, squares, projects=task.model.projects, rtol=rtol, damping=damping)
-    theta = np.asarray(theta)
-    point = evaluate(theta, task, chunks)
+    solver = _solver(task.filled[2], squares, projects=task.model.projects, rtol=rtol, damping=damping)
+    theta = np.asarray(task.beside(theta))
+    point = evaluate_filled(theta, task, chunks)
     state, done, failed = _begin(theta, solver, point), False, False
     costs = [float(point.total.cost)]
     for step in range(1, max_steps + 1):
@@ -245,10 +296,10 @@ def minimise(
         done = done or stalls(costs, stalled)
         if done or step == max_steps:
             break
-        point = evaluate(state.y_eval, task, chunks)
+        point = evaluate_filled(state.y_eval, task, chunks)
     message = ""
     if not done:
         message = "the cost still falls, in a direction that these views hardly determine"
     elif failed:
         message = "a step met a number that is not finite"
-    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message, tuple(costs))
+    return Minimum(jax.tree.map(np.asarray, task.own(state.point)), int(state.steps), message, tuple(costs))

@@ -27,7 +27,7 @@ from ..unknowns.places import Place
 from ..unknowns.unknown import Unknown, coordinates, free_places
 from ..unknowns.visibility import Arrow, places_apart
 from .descent import box_step
-from .solvers import BoxConstraints, Task, evaluate, linear_step, minimise
+from .solvers import BoxConstraints, Task, evaluate_filled, linear_step, minimise
 
 BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
@@ -181,9 +181,9 @@ _best_linear = jit_quickly(best_linear)
 
 def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
     """Solve for the linear unknowns at theta; return the cost, infinite where it is not finite, and the point."""
-    point = evaluate(theta, task, chunks)
-    found, cost = (point.theta, point.total.cost) if task.model.projects else _best_linear(point, task.box)
-    return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
+    point = evaluate_filled(task.beside(theta), task, chunks)
+    found, cost = (point.theta, point.total.cost) if task.model.projects else _best_linear(point, task.filled[2])
+    return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)[: len(theta)]
 
 
 def steepest(unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"] | None:
@@ -204,9 +204,9 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
     for _ in range(APPROACH):
         limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
         model = eqx.tree_at(lambda m: m.steepest, task.model, limit)
-        point = evaluate(theta, Task(model, task.priors, task.box), chunks)
+        point = evaluate_filled(task.beside(theta), task.using(model=model), chunks)
         most = np.where(bends, reach, np.where(searched, 0.0, np.inf))
-        theta = np.asarray(_gauss_newton(point, task.box, most))
+        theta = np.asarray(_gauss_newton(point, task.filled[2], task.beside(most, 0.0)))[: len(theta)]
         reach = reach * SHRINK
     return theta
 
@@ -280,7 +280,7 @@ def search(
     starts = [(theta, task) for _, theta in followed]
     if local:
         box = eqx.tree_at(lambda box: box.linear, task.box, replace_fn=np.zeros_like)
-        starts.append((begin, Task(task.model, task.priors, box)))  # all move together: k_s is not solved for at once
+        starts.append((begin, task.using(box=box)))  # all move together: k_s is not solved for at once
 
     ends = []
     for k, start in enumerate(starts):

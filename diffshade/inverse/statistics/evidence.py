@@ -17,7 +17,7 @@ from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ..forward.gram import ByView, Gram, Part
 from ..solve.elimination import eliminate
-from ..solve.solvers import PriorResiduals
+from ..solve.solvers import PriorResiduals, Task
 from .uncertainty import Jackknife, Matrix, Vector, inverse, on_unit_vectors, over, scaled, standard_errors
 
 T = TypeVar("T")
@@ -244,12 +244,13 @@ class Evidence:
         return on_unit_vectors(whole, self.values, self.units)
 
 
-def prior_gram(theta: Vector, priors: PriorResiduals) -> Gram:
+def prior_gram(theta: Vector, task: Task) -> Gram:
     """Return the Gram of the priors and unit vectors, as NumPy arrays."""
+    p, priors = len(theta), task.priors
     if not (len(priors.index) or len(priors.units)):
-        p = len(theta)
         return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
-    return jax.tree.map(np.asarray, _prior_gram(theta, priors))
+    gram = jax.tree.map(np.asarray, _prior_gram(task.beside(theta), task.filled[1]))
+    return Gram(gram.cost, gram.gradient[:p], gram.hessian[:p, :p])
 
 
 @jit_quickly
