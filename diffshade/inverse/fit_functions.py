@@ -115,9 +115,12 @@ class FitFunction(eqx.Module):
         Raises:
             ValueError: An image has another shape, or the scene or the cameras differ by more than their numbers.
         """
+        return self._fitted(tuple(jnp.asarray(image, float) for image in images), scene, cameras)
+
+    @jax.jit  # compiled once, also for a caller who compiles nothing
+    def _fitted(self, images: Sequence[Array], scene: Scene | None, cameras: Any) -> FittedValues:
         of = self._with(scene, cameras)
-        targets = of._targets(images)
-        theta, (converged, gram) = of._minimum(targets)
+        theta, (converged, gram) = of._minimum(targets := of._targets(images))
         values = natural(theta, of.model.setting.slots.logarithmic)
         determined = of._determined(theta, gram, targets)
         by_name = [
@@ -355,8 +358,7 @@ def fit_function(
             )
         shapes = tuple(np.shape(view.image) for view in views)
         numbered = _numbered(problem, shapes)
-        size = numbered.size_for(None)
-        parts = numbered.pieces(None, size)
+        parts = numbered.pieces(None, size := numbered.size_for(None))
         laid = numbered.lay_out(parts, size), [rows_and_columns(of, size) for of in chunks(parts)]
         chunk, places = (jax.tree.map(lambda *of: np.concatenate(of), *each) for each in laid)
         told = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)

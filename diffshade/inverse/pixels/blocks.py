@@ -22,7 +22,7 @@ MANY = LARGE * BLOCK  # pixels of all views: passes over more are worth compilin
 CACHE_LINE = 64  # bytes
 OF_PART = 8  # blocks in a chunk of few, such as a part of the pixels
 SEVERAL = 16 * OF_PART  # the most blocks that are few
-OWN = 4  # views at most, or blocks in a chunk, that have programs for their own number
+OWN = OF_PART // 2  # views at most, or blocks in a chunk, that have programs for their own number
 CHUNK = 32  # blocks at most in one call of a compiled program
 
 

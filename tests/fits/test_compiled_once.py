@@ -1,4 +1,4 @@
-"""Numbers of views: the programs of a few serve any, and views that are filled up change no result."""
+"""Compiled once: the programs of a few numbers of views serve any, and views that are filled up change no result."""
 
 import contextlib
 import dataclasses
@@ -97,3 +97,14 @@ def test_few_numbers_of_views_and_of_their_pixels_serve_all():
     ]  # fmt: skip
     assert [few_sizes(count) for count in (1, 2, 3, 4, 5, 6, 7, 8, 3640)] == [1, 2, 3, 4, 4, 6, 6, 8, 3072]
     assert all(2 * few_sizes(count) > count for count in range(1, 5000))
+
+
+def test_a_fit_function_is_compiled_once_for_a_caller_who_compiles_nothing():
+    scene, (view,) = photographed(1)
+    with jax.enable_x64(True):
+        solve = ds.fit_function(scene, view, free=("k_a", "k_d"))
+        first = solve(view.image)
+        with counting_programs() as compiled:
+            second = solve(1.5 * view.image)
+        assert not compiled
+        np.testing.assert_allclose(second.values["k_d"], 1.5 * first.values["k_d"], rtol=1e-9)
