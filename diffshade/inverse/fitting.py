@@ -239,7 +239,8 @@ def check_choices(
         if value not in choices:
             listed = ", ".join(f"'{choice}'" for choice in choices)
             raise ValueError(f"{name} must be one of {listed}; got {value!r}. Give one of them.")
-    others = [i for i, view in enumerate(views) if not eqx.tree_equal(view.camera, views[0].camera)]
+    first = views[0].camera
+    others = [i for i, of in enumerate(views) if of.camera is not first and not eqx.tree_equal(of.camera, first)]
     mapped = [f"objects[{i}].material.{name}" for i, item in enumerate(scene.objects) for name in item.material.maps]
     if others and mapped:
         raise ValueError(

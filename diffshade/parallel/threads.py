@@ -40,7 +40,10 @@ def on_all_cores(work: Callable[[S], T], items: Iterable[S]) -> list[T]:
             return jax.block_until_ready(work(item))
 
     items = list(items)
-    return [worked(item) for item in items] if len(items) < 2 else list(_threads().map(worked, items))
+    if len(items) > 1:
+        return list(_threads().map(worked, items))
+    with in_float64():
+        return [work(item) for item in items]  # nobody else waits for the core: what follows is prepared meanwhile
 
 
 def one_ahead(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:

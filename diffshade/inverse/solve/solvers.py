@@ -200,7 +200,8 @@ def evaluate_filled(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
     """Return `evaluate` with the copies, at unknowns that have theirs."""
     program = _summary_unfused if task.model.transparent and jax.default_backend() == "cpu" else _summary
     summaries = on_all_cores(lambda chunk: program(task.model_structure, task.model_leaves, theta, chunk), chunks)
-    return _evaluate(task.structure, task.leaves, theta, total(summaries))
+    summary = summaries[0] if len(summaries) == 1 else total(summaries)
+    return _evaluate(task.structure, task.leaves, theta, summary)
 
 
 def _cost(y: Array, point: Point) -> tuple[Any, Point]:

@@ -31,10 +31,10 @@ class Setup(eqx.Module):
     def of(cls, scene: Scene, views: Sequence[View], default: Sensor | None = None) -> Setup:
         """Return the setup of a scene and its views; `default` is the sensor of views without one beside others."""
         exposure, black = (np.array([getattr(view, name) for view in views], float) for name in ("exposure", "black"))
+        if all(view.sensor is None for view in views):
+            return cls(stack_scene(scene), exposure, black, None)
         sensors = [view.sensor or default or Sensor() for view in views]
-        has_sensors = any(view.sensor is not None for view in views)
-        sensor = jax.tree.map(lambda *leaves: np.stack(leaves), *sensors) if has_sensors else None
-        return cls(stack_scene(scene), exposure, black, sensor)
+        return cls(stack_scene(scene), exposure, black, jax.tree.map(lambda *leaves: np.stack(leaves), *sensors))
 
 
 class Slots(eqx.Module):
@@ -70,7 +70,8 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     products = [(j, product) for j, unknown in enumerate(unknowns) for product in unknown.products]
     index_of: dict[Place, float] = {place: j for j, unknown in enumerate(unknowns) for place in unknown.places}
     index_of |= {product.place: p + k for k, (_, product) in enumerate(products)}
-    blank = jax.tree.map(lambda leaf: np.broadcast_to(-1.0, np.shape(leaf)), (scene, tuple(views), Sensor()))
+    plain = None if all(view.sensor is None for view in views) else Sensor()
+    blank = jax.tree.map(lambda leaf: np.broadcast_to(-1.0, np.shape(leaf)), (scene, tuple(views), plain))
     setup = Setup.of(*_put(blank[0], blank[1], index_of), default=blank[2])
     others = [p if product.other is None else product.other for _, product in products]
     return Slots(
