@@ -91,6 +91,7 @@ def render(
     import diffshade as ds
 
     from ..core.progress import showing
+    from ..model.rendering import render_once
 
     out = out or scene.with_suffix(".png")
     check_picture(out, exposure, bits)
@@ -103,7 +104,7 @@ def render(
             check_holds_bands(out, len(world.channels))
             if size is not None:
                 camera = dataclasses.replace(camera, shape=(size[1], size[0]))
-            image = np.asarray(ds.render(world, camera, lit=on, samples=samples), np.float64)
+            image = np.asarray(render_once(world, camera, on, samples), np.float64)
         else:
             image = _of_mesh(scene, material, out, size or (512, 512), on, samples, report_progress)
     put_picture(out, image, exposure, srgb=srgb, bits=bits)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
@@ -83,7 +83,9 @@ def with_new_arrays(tree: T) -> T:
     return jax.tree.map(anew, tree)
 
 
-def jit_quickly(program: Callable, static_argnums: int | None = None, options: dict = QUICKLY) -> Callable:
+def jit_quickly(
+    program: Callable, static_argnums: int | Sequence[int] | None = None, options: dict = QUICKLY
+) -> Callable:
     """Return a jitted program that the CPU's compiler is quick with, since it optimises less.
 
     By default it does not optimise at all, which is for programs of a few numbers; `PLAINLY` and `SOONER` are for those

@@ -5,7 +5,7 @@ A number that only one place needs stands there, with its own reason.
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 TINY = 1e-12  # relative: it keeps a singular matrix regular, and no digit that counts changes
 ROUNDING = 1e-10  # of a cost or a sum of squares: what double precision leaves of it after a whole fit
@@ -26,4 +26,4 @@ VAGUE = 0.3  # an error relative to the value, above which a number says little
 UNCLIPPED_PERCENT = 99.5  # of the values, which a picture holds without clipping
 BLACK = 0.2  # of an object's brightness: a background as dark shows nothing
 GREY_LEVEL = 1.0 / 255.0  # the step of a file of 8 bits: less is not seen
-DEGREE = np.deg2rad(1.0)  # how well directions are known, of lamps and of normals
+DEGREE = math.radians(1.0)  # how well directions are known, of lamps and of normals

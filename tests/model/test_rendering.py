@@ -13,7 +13,7 @@ from refusals import refuses
 
 import diffshade as ds
 from diffshade.model import rendering
-from diffshade.model.rendering import _render
+from diffshade.model.rendering import _render, render_once
 from diffshade.model.scenes import stack_scene
 
 BALL = ds.Object(ds.Sphere(), ds.Material(k_a=0.1, k_d=(0.7, 0.25, 0.2), k_s=0.4, n_s=40))
@@ -48,6 +48,11 @@ def test_an_image_is_linear_radiance_and_row_0_is_on_top():
     assert image.dtype == np.float64
     assert image.max() > 10
     assert image[:4].sum() > 3 * image[4:].sum()
+
+
+def test_a_picture_that_is_rendered_once_is_the_same():
+    scene = ds.Scene(BALL, lights(2))
+    np.testing.assert_allclose(render_once(scene, CAMERA, 1, 2), ds.render(scene, CAMERA, lit=1, samples=2), rtol=1e-5)
 
 
 @pytest.mark.thorough

@@ -700,7 +700,7 @@ def test_a_stop_is_told_in_one_sentence(typed, monkeypatch, wrapped):
         ended.append(status)
         raise SystemExit(status)
 
-    monkeypatch.setattr(ds, "render", stop)
+    monkeypatch.setattr("diffshade.model.rendering.render_once", stop)
     monkeypatch.setattr("os._exit", end)
     done = typed("render", "ball.toml", "-o", "new.png")
     assert ended == [130]

@@ -65,6 +65,16 @@ def run(code, **environment):
     return subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
 
 
+def test_the_help_of_the_command_line_loads_neither_numpy_nor_jax():
+    code = """
+import sys
+from diffshade.cli import commands
+assert not {"numpy", "jax"} & {*sys.modules}, {"numpy", "jax"} & {*sys.modules}
+"""
+    done = run(code)
+    assert done.returncode == 0, done.stderr
+
+
 def test_an_import_starts_no_backend_and_loads_nothing_that_it_may_not_need():
     code = """
 import sys
