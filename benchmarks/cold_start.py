@@ -4,6 +4,9 @@ Each start is a process of its own: without JAX's persistent compilation cache, 
 empty one, which it fills, and with a full one. They take turns. `cpu` is what all threads of the process computed, up
 to the end of the fit: it hardly depends on who else uses the machine. `best` is the nearest to a quiet machine.
 `stderr` is how many bytes the process wrote there: a cache that warns at every start is no help to a person.
+
+`--views 5 6 7 9` times instead, in one process, the first and the second fit of each number of photographs with the
+directions of all lights free, and counts what the first one compiles.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import json
 import os
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +30,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5, help="processes of each way (default: 5)")
     parser.add_argument("--size", type=int, default=SIZE, help="pixels on a side (default: %(default)s)")
+    parser.add_argument("--views", type=int, nargs="+", metavar="N", help="time fits of these numbers of views")
+    parser.add_argument("--light-error", type=float, metavar="DEGREES", help="stated error of their lights")
     parser.add_argument("--one", type=Path, metavar="IMAGE", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.one:
@@ -36,6 +42,14 @@ def main() -> None:
     from rich.table import Table
     from timing import conditions
 
+    if arguments.views:
+        table = Table(title=f"lights of 48 x 48 views free, s of processor time, {conditions()}")
+        for heading in ("views", "first fit", "second fit", "beyond it", "programs compiled", "s of compiling"):
+            table.add_column(heading, justify="right")
+        for row in of_views(arguments.views, arguments.light_error):
+            table.add_row(*map(str, row))
+        Console(width=110).print(table)
+        return
     found = measure(arguments.rounds, arguments.size)
     table = Table(title=f"a cold fit of {arguments.size} x {arguments.size}, {conditions()}")
     for heading in ("", "import, s", "fit, s", "total, s", "cpu, s", "best total, s", "stderr, bytes"):
@@ -67,6 +81,39 @@ def measure(rounds: int, size: int = SIZE, ways: tuple[str, ...] = WAYS) -> dict
                 environment = {} if way == WAYS[0] else with_cache
                 found[way].append(in_a_process(__file__, "--one", str(image), environment=environment))
     return found
+
+
+def of_views(counts: list[int], light_error: float | None) -> Iterator[tuple]:
+    """Yield for each number of views the processor time of its first and second fit, and what the first compiles."""
+    import jax
+    import numpy as np
+
+    import diffshade as ds
+
+    compiled: list[float] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, duration_secs, **_: (
+            compiled.append(duration_secs) if event.endswith("backend_compile_duration") else None
+        )
+    )
+    camera, random = ds.Camera(eye=(0, 0, 4), fov=32, shape=(48, 48)), np.random.default_rng(0)
+    material = ds.Material(k_a=(0.10, 0.08, 0.06), k_d=(0.6, 0.4, 0.25), k_s=(0.5, 0.5, 0.45), n_s=50)
+    for count in counts:
+        i = np.arange(count)
+        azimuth, polar = 2.0 * np.pi * i / count, np.deg2rad(20.0 + 5.0 * (5 * i % 8))
+        towards = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1)
+        scene = ds.Scene(ds.Object(ds.Sphere(), material), [*map(ds.DirectionalLight, towards)])
+        clean = [np.asarray(ds.render(scene, camera, lit=k), float) for k in range(count)]
+        views = [ds.View(of + 0.005 * random.standard_normal(of.shape), camera, lit=k) for k, of in enumerate(clean)]
+        told = ds.Scene(scene.objects, [ds.DirectionalLight(d + 0.02 * random.standard_normal(3)) for d in towards])
+        took = []
+        for _ in range(2):
+            compiled.clear()
+            began = time.process_time()
+            ds.fit(told, views, free=(*FREE, "direction"), light_error=light_error)
+            took.append((time.process_time() - began, len(compiled), sum(compiled)))
+        (first, programs, seconds), (second, *_) = took
+        yield count, f"{first:.2f}", f"{second:.2f}", f"{first - second:.2f}", programs, f"{seconds:.2f}"
 
 
 def photograph(size: int) -> Any:

@@ -100,7 +100,7 @@ def block_size(pixels: Sequence[int], places: int = 1) -> int:
     mean, most = max(sum(pixels) / len(pixels), 1.0), BLOCK // places
     if mean > LARGE * most:
         return most
-    if sum(pixels) <= MANY:
+    if filled(len(pixels)) * mean <= MANY:
         return min(most, max(1 << int(np.ceil(np.log2(mean))), 64))
     of_view = mean / max(round(mean / most), 1)
     step = 1 << max(int(np.log2(of_view)) - 3, 0)
