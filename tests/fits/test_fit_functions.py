@@ -275,7 +275,7 @@ def test_a_fit_moves_with_what_is_known_as_whole_fits_do(name):
     np.testing.assert_allclose(reverse / scale, forward / scale, atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_scenes_at_once_are_fitted_as_each_alone():
     """Twice the light is half the material, and the derivative by the whole scene says so."""
     scene: Any

@@ -140,8 +140,8 @@ def test_what_can_have_no_bands_is_refused():
         ds.fit_bands(lambda _: None, views)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("fitting", [fit, pytest.param(fit_texels, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("fitting", [fit, fit_texels])
 def test_a_report_shows_how_often_photographs_that_were_left_out_lie_inside(fitting, tmp_path):
     views = problem()[1]
     bands = ds.fit_bands(fitting, views[:16], groups=4)

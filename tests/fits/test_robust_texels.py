@@ -116,8 +116,8 @@ def test_what_shows_nothing_is_not_known(shadowed):
     assert np.isinf(maps.errors["normal"][~ball.mask]).all()
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("n_s", [20.0, pytest.param(300.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("n_s", [20.0, 300.0])
 def test_the_exponent_of_one_material_lies_within_its_errors(n_s):
     ball, lights, rng = textured_ball(40), lights_about(30), np.random.default_rng(0)
     n = ball.truth["normal"]
@@ -343,7 +343,7 @@ def test_what_repeats_from_light_to_light_is_predicted():
         maps.relative_errors([ds.View(np.zeros((4, 4, 3)), ds.OrthographicCamera((0, 0, 4), shape=(4, 4)))])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_unexplained_light_is_that_of_lamps_too(tmp_path):
     ball, views = with_bounced_light(20)
     maps = ds.fit_texels(facing_us(ball), views, free=FREE, loss="cauchy", light_error=0.1)

@@ -30,7 +30,7 @@ def test_three_js_shows_the_maps(tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", JUDGED)
+@pytest.mark.parametrize("name", [JUDGED[0], *(pytest.param(of, marks=pytest.mark.slow) for of in JUDGED[1:])])
 def test_three_js_shows_objects_that_no_setting_was_chosen_on(name, tmp_path):
     """Not as .obj: three.js has another highlight, and does not read that of each texel."""
     maps, heights, _ = judged(name, 48)

@@ -280,6 +280,7 @@ def test_two_objects_under_two_lights_at_a_time():
 # --- photographs
 
 
+@pytest.mark.slow
 def test_the_real_ball_has_two_dim_photographs_and_a_highlight_of_another_form():
     """Its third and fourth lights, nearest the camera's axis, are 5 % dimmer in every diffuse pixel than the others."""
     scene, views = ds.read_photographs(measured("diligent_ball"))

@@ -92,7 +92,8 @@ def test_determined_texels_are_within_five_errors(lobe, loss, capsys):
         assert max(share["k_d"], share["k_s"], share["n_s"]) <= limit, (name, share)
 
 
-@pytest.mark.parametrize("step", [8, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("step", [8, 1])
 def test_a_real_cat_under_coplanar_lights_has_no_determined_normal(step):
     """Photographs 0, 4 ... 44, whose light directions have the singular values 3.2, 1.3 and 0.002."""
     scene, views = ds.read_photographs(measured("diligent_cat"), normals=False)
