@@ -126,6 +126,8 @@ class ColourPicture(NamedTuple):
                 as_fractions(path, found[:1])
                 if found.shape[-1] > 4:
                     raise ValueError(f"cannot read {path}: it has {found.shape[-1]} bands. Give one of 1 to 4.")
+                if found.dtype.kind == "f" and not ((found >= 0.0) & (found < np.inf)).all():
+                    raise ValueError(f"cannot read {path}: a pixel is below 0 or not finite. Give it a colour.")
                 return np.array(found) if isinstance(found, np.memmap) else found
             except (OSError, ImportError, ValueError) as error:
                 raise ValueError(f"{error}".replace(f"{path}", self._called)) from None

@@ -91,11 +91,14 @@ def _name(picture: ColourPicture, path: Path, word: str, copies: dict[Path, byte
 
 
 def _reaches(picture: ColourPicture, path: Path) -> bool:
-    """Whether the name of a picture leads to it from a file at another path as well."""
-    if path.parent.resolve() == picture.source.parent.resolve():
-        return True
-    there = path.parent / picture.uri
-    return there.is_file() and there.resolve() == picture.file()
+    """Whether the name of a picture leads to it from a file at another path as well.
+
+    A URI that is a whole path, of Windows or from the root, leads to no file beside a page.
+    """
+    name = picture.uri.replace("\\", "/")
+    there = path.parent / name
+    whole = path.suffix.lower() in SHOWN and name.startswith("/")
+    return not whole and there.is_file() and there.resolve() == picture.file()
 
 
 def write_copies(copies: Mapping[Path, bytes]) -> None:

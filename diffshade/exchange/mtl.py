@@ -127,15 +127,22 @@ def _idle_ambient(text: str, found: Mapping[str, Mapping[str, list[str]]]) -> st
     """Return why Ka 1 1 1 is no statement of a file, or "".
 
     Exporters write it where they know nothing of ambient light. No one means white ambient reflection of every
-    material, be it red or blue; white of white, or of a map, may be meant.
+    material, be it red, blue or a picture; white of white, or of a map of its own, may be meant.
     """
     if text.startswith("# Blender"):
         return "Blender has no ambient light, and writes Ka 1 1 1 all the same"
-    plain = all(_is_white(rows, "Ka") and not any(key.lower() == "map_ka" for key in rows) for rows in found.values())
-    colourless = all(_is_white(rows, "Kd") or "Kd" not in rows for rows in found.values())
+    plain = all(_is_white(rows, "Ka") and not _has(rows, "map_ka") for rows in found.values())
+    colourless = all(
+        (_is_white(rows, "Kd") or "Kd" not in rows) and not _has(rows, "map_kd") for rows in found.values()
+    )
     if text.startswith(BY_DIFFSHADE) or colourless or not plain:
         return ""
-    return "Ka 1 1 1 of every material, whatever its Kd, is what exporters write that know no ambient light"
+    return "Ka 1 1 1 of every material, whatever its colour, is what exporters write that know no ambient light"
+
+
+def _has(rows: Mapping[str, list[str]], key: str) -> bool:
+    """Whether a material has a row of a key, which is given in small letters."""
+    return any(given.lower() == key for given in rows)
 
 
 def _is_white(rows: Mapping[str, list[str]], key: str) -> bool:
@@ -221,7 +228,7 @@ def _picture(rows: Mapping[str, list[str]], name: str, reading: Reading, key: st
 
 def _without_colour(rows: Mapping[str, list[str]], name: str, reading: Reading) -> float:
     """Return k_d of a material without Kd: 1, which a map multiplies, or 0."""
-    if any(key.lower() == "map_kd" for key in rows):
+    if _has(rows, "map_kd"):
         reading.note(name, "map_Kd stands without Kd; it is read as 1, which the map multiplies.")
         return 1.0
     reading.note(name, "it has no Kd, for which each program has a grey of its own; it is read as 0.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -139,9 +140,16 @@ def _document(data: bytes, binary: bytes, folder: Path) -> Document:
 
 
 def data_bytes(uri: str) -> bytes:
-    """Return the bytes that a name of data: holds."""
+    """Return the bytes that a name of data: holds.
+
+    Raises:
+        ValueError: It says that it is base64, and is not.
+    """
     kind, _, text = uri.partition(",")
-    return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
+    try:
+        return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
+    except ValueError:
+        raise ValueError("what follows base64 in a name of data: is no base64. Export the file again.") from None
 
 
 def name_of(uri: str) -> str:
@@ -166,7 +174,7 @@ def beside(name: str, folder: Path, noun: str) -> Path:
         ValueError: There is no such file.
     """
     path = (folder / name).resolve() if "\0" not in name else folder
-    if not path.is_relative_to(folder.resolve()) or not path.is_file():
+    if not path.is_relative_to(folder.resolve()) or not os.path.isfile(path):  # which takes a name of any length
         raise ValueError(f"there is no {noun} {name[:80]!r} in its folder. Put it beside the file.")
     return path
 

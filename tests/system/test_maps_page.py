@@ -70,6 +70,7 @@ def test_photographs_lights_and_whatever_is_said_are_in_it(page, bumpy):
     assert HOSTILE in [text for _, text in page.all("li")]
     assert HOSTILE in [text for _, text in page.all("option")]
     assert sum(a.get("class") == "difference" for a, _ in page.all("img")) == 2  # those that were left out
+    assert "Each of these photographs" in [text for _, text in page.all("figcaption")]
     photographs = [a["id"] for a, _ in page.all("script") if a.get("id", "").startswith("photograph-")]
     assert len(photographs) == 6
 

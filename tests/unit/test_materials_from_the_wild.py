@@ -77,21 +77,26 @@ def test_what_blender_writes_of_ambient_light_is_no_glow_elsewhere(read, tmp_pat
 
 
 def test_white_ambient_light_of_every_colour_is_what_exporters_write(read, tmp_path):
-    """Of white, or beside a map_Ka or another Ka, or in a file of ours, it may be meant, and is read."""
+    """Of white without a picture, or beside a map_Ka or another Ka, or in a file of ours, it may be meant."""
     red, blue = "newmtl a\nKa 1 1 1\nKd 0.8 0.2 0.1\nillum 1\n", "newmtl b\nKa 1.0 1.0 1.0\nKd 0 0 1\nillum 1\n"
-    for text in (red, "# Maya\n" + red + blue):
+    scanned = red.replace("0.8 0.2 0.1", "1 1 1") + "map_Kd scan.jpg\n"  # as photogrammetry writes it
+    for text in (red, "# Maya\n" + red + blue, scanned):
         found, said = read("a.mtl", text)
         assert not any(np.any(material.k_a) for material in found.values())
-        assert "Ka 1 1 1 of every material, whatever its Kd, is what exporters write that know no ambient light" in said
+        assert (
+            "Ka 1 1 1 of every material, whatever its colour, is what exporters write that know no ambient light"
+            in said
+        )
     for text in (
         red.replace("0.8 0.2 0.1", "1 1 1"),
+        scanned + "map_Ka scan.jpg\n",
         red + blue.replace("Ka 1.0", "Ka 0.5"),
         red + "newmtl c\nKd 1 0 0\n",
         "# written by diffshade\n" + red,
     ):
         found, said = read("b.mtl", text)
         np.testing.assert_array_equal(found["a"].k_a, [1.0] * 3)
-        assert "Ka" not in said
+        assert "Ka 1 1 1" not in said
     ds.exchange.write_material(tmp_path / "c.mtl", ds.Material(1.0, (0.8, 0.2, 0.1)))
     np.testing.assert_array_equal(ds.exchange.read_material(tmp_path / "c.mtl").k_a, [1.0] * 3)
 

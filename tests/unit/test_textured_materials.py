@@ -123,6 +123,16 @@ def test_a_metal_and_what_has_no_light_keep_what_their_pictures_colour(folder, c
         assert key in (document["materials"][0] if name == "e.gltf" else document)
 
 
+def test_a_whole_path_becomes_a_name_that_leads_there(folder, converted):
+    """One of another machine, of which the last name is beside the file, and one that a URI would start at a server."""
+    for written in ("C:\\art\\tile.png", f"{folder}/in/tile.png"):
+        (folder / "in" / "a.mtl").write_text(MTL.format("").replace("tile.png", written))
+        converted(folder / "in" / "a.mtl", folder / "in" / "b.gltf", folder / "in" / "b.json")
+        for name, key in (("b.gltf", "uri"), ("b.json", "url")):
+            assert [of[key] for of in json.loads((folder / "in" / name).read_text())["images"]] == ["tile.png"]
+    assert sorted(os.listdir(folder / "in")) == ["a.mtl", "b.gltf", "b.json", "tile.png"]
+
+
 @pytest.mark.parametrize("suffix", [".c", ".py", ".inc", ".js"])
 def test_formats_without_pictures_say_so(suffix, folder, converted):
     said = converted(folder / "in" / "a.mtl", folder / "out" / f"a{suffix}")

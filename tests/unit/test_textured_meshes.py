@@ -52,6 +52,7 @@ def test_pictures_of_mtl_beside_an_obj(tmp_path, caplog):
     Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255] * 3]], np.uint8)).save(
         tmp_path / "p q.png"
     )
+    np.save(tmp_path / "odd.npy", [[[0.5, np.nan, 0.1]]])
     right = np.array([[[0.5, 0, 0], [0, 1, 0]], [[0, 0, 1], [0.5, 1, 1]]])
     for rows in ("map_Kd p q.png", "map_kd -blendu on -s 1 1 1 p q.png", "map_Kd C:\\of\\others\\p q.png"):
         np.testing.assert_allclose(of_obj(tmp_path, rows, camera).k_d, right, atol=1e-6)
@@ -66,6 +67,9 @@ def test_pictures_of_mtl_beside_an_obj(tmp_path, caplog):
             "'a': there is no picture 'none.png' in its folder. Put it beside the file. Its colour alone",
         ),
         ("map_Kd ../x.png", "there is no picture '../x.png' in its folder."),
+        (f"map_Kd {'x' * 5000}", f"there is no picture '{'x' * 80}' in its folder."),
+        ("map_Kd data:image/png;base64,@", "what follows base64 in a name of data: is no base64. Export the file"),
+        ("map_Kd odd.npy", "cannot read odd.npy: a pixel is below 0 or not finite. Give it a colour. Its colour"),
         ("map_Kd a.obj", "a.obj has the suffix '.obj', which is not a known image"),
         ("map_Kd p q.png\nbump p q.png", "texture maps are not read, only those of the base colour: 'bump'."),
     ):

@@ -178,7 +178,8 @@ def _predicted(
 def _charts(predicted: _Predicted) -> list[charts.Chart]:
     if not predicted.names:
         return []
-    return [charts.errors_of_each(predicted.off, predicted.names, "relative error", "Each photograph")]
+    title, x_label = "Each of these photographs", "those above, from 0"  # all of them or some
+    return [charts.errors_of_each(predicted.off, predicted.names, "relative error", title, x_label)]
 
 
 def _jpegs(photographs: PagePhotographs, which: Sequence[int], white: float) -> dict[str, str]:
