@@ -43,9 +43,10 @@ def test_it_is_compiled_once_for_a_caller_who_compiles_nothing():
     (image, other), _ = drawn(2, 12)
     function = ds.fit_function(TOLD, ds.View(image, camera(12)), free=("k_a", "k_d"))
     function(image)
-    before = FitFunction._fitted._cache_size()
+    fitted: Any = FitFunction._fitted
+    before = fitted._cache_size()
     function(other)
-    assert FitFunction._fitted._cache_size() == before > 0
+    assert fitted._cache_size() == before > 0
 
 
 @pytest.mark.thorough
