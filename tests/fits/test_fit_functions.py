@@ -39,6 +39,7 @@ def few():
     return function, images, jax.jit(jax.vmap(function))(images), cost
 
 
+@pytest.mark.thorough
 def test_it_is_compiled_once_for_a_caller_who_compiles_nothing():
     (image, other), _ = drawn(2, 12)
     function = ds.fit_function(TOLD, ds.View(image, camera(12)), free=("k_a", "k_d"))

@@ -367,7 +367,15 @@ def tile_of(texels: int) -> TexelTile:
     return TexelTile(np.arange(texels), np.zeros((texels, 3)), None, black, black[0].astype(bool))
 
 
-def test_a_gpu_is_given_more_at_once_and_finds_the_same(monkeypatch):
+def test_a_gpu_is_given_more_at_once(monkeypatch):
+    monkeypatch.setattr(backend.jax, "default_backend", lambda: "gpu")
+    assert block_size([2**20]) == backend.AT_ONCE
+    reader = ViewReader(BALL, [ds.View(DARK, SMALL)] * 2)
+    assert reader.pieces(tile_of(5000), np.zeros((2, 5000)))[0].size == 8192
+
+
+@pytest.mark.thorough
+def test_a_fit_with_the_blocks_of_a_gpu_is_the_same(monkeypatch):
     scene, camera = standard_scene(), ds.Camera((0, 0, 4), fov=32, shape=(96, 96))
     view = ds.View(np.asarray(ds.render(scene, camera)), camera)
     here = ds.fit(scene, view, free=("k_d", "n_s"))
@@ -375,8 +383,6 @@ def test_a_gpu_is_given_more_at_once_and_finds_the_same(monkeypatch):
     there = ds.fit(scene, view, free=("k_d", "n_s"))
     assert there.solved.problem.block_size > 1.5 * blocks.BLOCK
     np.testing.assert_allclose(there.values, here.values, rtol=1e-9)
-    assert block_size([2**20]) == backend.AT_ONCE
-    assert ViewReader(scene, [view, view]).pieces(tile_of(5000), np.zeros((2, 5000)))[0].size == 8192
 
 
 def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
