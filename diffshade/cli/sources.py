@@ -155,7 +155,7 @@ class Options:
         views, tied = source.views, self.tied
         if any("sensor" in segments_of(name) for name in self.free):  # one camera took all photographs
             views = tuple(replace(view, sensor=ds.Sensor()) for view in views)
-            tied = tied if "sensor" in tied or len(views) == 1 else (*tied, "sensor")
+            tied = tied if "sensor" in tied else (*tied, "sensor")
         error: Any = self.light_error
         if error is None and source.light_errors is not None and (source.light_errors > 0.0).all():
             error = source.light_errors  # of a calibrated folder

@@ -32,13 +32,13 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
         if (key := id(samples.pixels)) not in far:
             far[key] = _far_from(samples.inside)
         row, column = np.divmod(far[key], view.camera.shape[1])
-        flat = np.broadcast_to(
-            np.asarray(fit.scene.background, np.float64), (*view.camera.shape, len(fit.scene.background))
-        )
+        background = np.asarray(fit.scene.background, np.float64)
+        flat = np.broadcast_to(background, (*view.camera.shape, len(background)))
+        recorded = record(flat[:1, :1] if view.sensor is None else flat, view)  # without a sensor all pixels are alike
         seen = np.asarray(colours(view))[row, column]
         if not seen.size or np.mean(seen == 0.0) > MINOR:
             continue
-        found.append((seen - record(flat, view)[row, column]).ravel())
+        found.append((seen - np.broadcast_to(recorded, (*view.camera.shape, recorded.shape[-1]))[row, column]).ravel())
         brightness.append(float(samples.values(samples.pixels[:: max(len(samples.pixels) // 256, 1)]).mean()))
     if not found:
         return None

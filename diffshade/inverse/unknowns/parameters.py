@@ -20,7 +20,7 @@ from ...model.scenes import Scene, bends
 from ..data.views import View, lights_on
 from .constraints import COLOURS, Grey, Proportional, colourless, products_of, proportions_of
 from .light_priors import stated_errors
-from .names import means, names_of, rest_after, segments_of, short_names, tied_name
+from .names import means, names_of, segments_of, short_names, tied_name
 from .places import Known, Place, everything
 from .ranges import check_directions, check_names_an_unknown, prior_of, range_of
 from .slots import value_in
@@ -210,11 +210,14 @@ def _check_are_free(where: str, names: Sequence[str], freed: Sequence[Place], kn
 
 
 def _say_what_ties_nothing(tied: Sequence[str], freed: Sequence[Place]) -> None:
-    """Say which names make no two free parameters one, such as that of the one material of a scene."""
+    """Say which names are of one object alone; of lamps and views a program may have any number."""
     for name in tied:
-        rests = [rest_after(name, place) for place in freed if means(name, place)]
-        if len(set(rests)) == len(rests):
-            _LOGGER.warning("tied names '%s', but there is one of each such free parameter: nothing is tied.", name)
+        owners = [(place.owner, place.item) for place in freed if means(name, place)]
+        if len(owners) == 1 and owners[0][0] == "objects":
+            _LOGGER.warning(
+                "tied names '%s', which one object alone has: nothing is tied. It makes objects alike, not channels.",
+                name,
+            )
 
 
 def _frees(name: str, place: Place, known: Known) -> bool:
