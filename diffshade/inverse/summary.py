@@ -15,7 +15,6 @@ from ..core.words import Note, count, listing
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
 from .data.view_sets import Counts
-from .data.views import View
 from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
 from .laid_out import LaidOut
@@ -72,7 +71,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     everything, regular = evidence.total, evidence.regular
     steps = no_rounding(len(views)) if rounded is None else rounded.rounding
     solved = Solved.of(problem.with_rounding(steps), found.values, laid.squares)
-    scales = _scales(solved.problem.scene, solved.problem.data.views, unknowns, np.diag(everything), laid.squares)
+    scales = _scales(solved.problem.scene, unknowns, np.diag(everything), laid.squares)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
     if found.at_bound.any():
         held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
@@ -198,9 +197,7 @@ def _clusters_in_words(groups: Sequence[Sequence[int]], counts: Counts) -> str:
     return views if len(groups) == counts.views else f"{views} in {count(len(groups), 'setup')}"
 
 
-def _scales(
-    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], curvature: np.ndarray, squares: float
-) -> np.ndarray:
+def _scales(scene: Scene, unknowns: Sequence[Unknown], curvature: np.ndarray, squares: float) -> np.ndarray:
     """Return the size with which each value is compared; 0 if there is none.
 
     For a reflection this is the largest one of its object; for an attenuation, the value that changes the image by a
@@ -209,7 +206,7 @@ def _scales(
     extent = max(item.surface.extent() for item in scene.objects)
     reflections = {
         place: float(np.max(value))
-        for place, value, spec in everything(scene, views)
+        for place, value, spec in everything(scene, ())
         if np.size(value) and parameter_of(spec).role == "reflection"
     }
     scales = np.zeros(len(unknowns))
