@@ -62,7 +62,7 @@ def main() -> None:
     for kind, furthest in FURTHEST.items():
         print(f"renders, {np.dtype(kind).name}: {_off(kind, furthest):.1e} from the CPU's at most, {furthest} allowed")
     print(f"{'':50}{'ms':>10}{'millions a second':>20}{'of the memory bound':>22}")
-    # each line when it is known: a loan of a GPU may end at any time
+    # each line when it is known, so that a run that is stopped has told something
     for what, seconds, items, share in chain(_renders(sizes), _fits(sizes), _texels(sizes)):
         bound = "" if share is None else f"{share:.2f}"
         print(f"{what:50}{1e3 * seconds:10.2f}{items / seconds / 1e6:20.3g}{bound:>22}", flush=True)

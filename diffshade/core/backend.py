@@ -28,7 +28,7 @@ QUICKLY = {
 PLAINLY = {"xla_cpu_use_fusion_emitters": False}
 # Programs that run once over all pixels compile in half the time with these; some run as fast, some take twice as long.
 SOONER = {"xla_backend_optimization_level": 1, "xla_cpu_use_fusion_emitters": False}
-AT_ONCE = 2**16  # pixels or texels that a GPU is given at once, all of whose cores start for each operation
+AT_ONCE = 2**16  # pixels or texels in one call on a GPU, where each operation takes time to start (SCALING.md)
 
 
 def at_once(of_cache: int) -> int:
