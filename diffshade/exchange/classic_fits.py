@@ -7,8 +7,8 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import minimize, nnls
 
 from ..core.thresholds import CLEARLY, GREY_LEVEL
 from ..model.lobes import AbstractPowerLobe, Blinn, Phong
@@ -106,7 +106,7 @@ class _Terms:
 
         start = np.log(EXPONENTS[list(max(combinations(range(len(EXPONENTS)), 2), key=gain))])
         low, high = np.log(N_S_RANGE)
-        found: Any = minimize(
+        found: Any = scipy.optimize.minimize(
             lambda x: self.cost(np.exp(x).tolist()),
             start,
             method="Nelder-Mead",
@@ -120,4 +120,4 @@ class _Terms:
 def _least(G: Float[np.ndarray, "terms terms"], y: Weights) -> Weights:
     """Return the coefficients of at least 0 at the minimum of k.Gk - 2 k.y, for each channel."""
     L = np.linalg.cholesky(G + 1e-12 * np.trace(G) * np.eye(len(G)))
-    return np.stack([nnls(L.T, b)[0] for b in np.linalg.solve(L, y).T], 1)
+    return np.stack([scipy.optimize.nnls(L.T, b)[0] for b in np.linalg.solve(L, y).T], 1)

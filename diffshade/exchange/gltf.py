@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import least_squares
 
 from ..core.fields import in_short
 from ..core.thresholds import SINGLE, TINY
@@ -63,7 +63,9 @@ def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
         return MetallicRoughness(float(np.exp(x[0])), x[1:4], x[4:], float(np.max(x[4:])))
 
     bounds = ([np.log(ROUGHNESS[0]), *np.zeros(6)], [np.log(ROUGHNESS[1]), *np.ones(6)])
-    found = least_squares(lambda x: (surface(x).reflected(points) - target).ravel(), start, bounds=bounds, xtol=1e-12)
+    found = scipy.optimize.least_squares(
+        lambda x: (surface(x).reflected(points) - target).ravel(), start, bounds=bounds, xtol=1e-12
+    )
     best = surface(found.x)
     return best, *differences(target, best.reflected(points))
 

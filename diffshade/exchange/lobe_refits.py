@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
 
 from ..core.fields import check, check_kind
 from ..core.words import count, listing
@@ -141,7 +141,7 @@ def lowest(cost: Callable[[float], float], lower: float, upper: float) -> float:
     grid = np.linspace(lower, upper, 40)
     best = int(np.argmin([cost(float(x)) for x in grid]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found: Any = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9})
+    found: Any = scipy.optimize.minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9})
     return min((float(found.x), float(low), float(high)), key=cost)
 
 

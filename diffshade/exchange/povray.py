@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
 
 from ..core.thresholds import SINGLE
 from ..io.parsing import NUMBER, number, numbers, short
@@ -138,7 +138,7 @@ def _metallic(
     def cost(metallic: float) -> float:
         return float(np.sum((strength(metallic) * shape * tint(pigment, metallic, points.n_l) - target) ** 2))
 
-    found: Any = minimize_scalar(cost, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9})
+    found: Any = scipy.optimize.minimize_scalar(cost, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9})
     metallic = min((float(found.x), 0.0, 1.0), key=cost)
     return strength(metallic), metallic
 

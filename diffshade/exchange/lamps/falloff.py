@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import nnls
 
 from ...core.arrays import float64_of
 from ...core.fields import Numbers
@@ -93,7 +93,7 @@ def fit_falloff(distance: Numbers, lux: Numbers) -> Falloff:
     powers = np.stack([d**0, d, d * d], -1)
     size = np.array([1.0, d.mean(), d.mean() ** 2])  # equal sizes at the mean distance, for small rounding errors
     A = E[:, None] * powers / size
-    solution, _ = nnls(A, np.ones(len(d)))
+    solution, _ = scipy.optimize.nnls(A, np.ones(len(d)))
     residuals = A @ solution - 1.0
     covariance = np.linalg.pinv(A.T @ A) * (residuals @ residuals) / (len(d) - 3)
     values, errors = solution / size, np.sqrt(np.diag(covariance)) / size

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
 
 from ...core.fields import check_kind
 from ...core.thresholds import MINOR
@@ -71,7 +71,7 @@ def as_spot(lamp: MeasuredLight) -> SpotFit:
         return scale, float(np.mean((beam - scale * s) ** 2))
 
     def best(cutoff: float) -> tuple[float, float, float]:
-        found: Any = minimize_scalar(
+        found: Any = scipy.optimize.minimize_scalar(
             lambda log_a: scale_and_cost(shape(log_a, cutoff))[1], bounds=np.log(EXPONENT_RANGE), method="bounded"
         )
         return float(found.fun), float(found.x), cutoff

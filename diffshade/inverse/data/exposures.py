@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import nnls
 
 from ...core.arrays import float64_of
 from ...core.backend import in_float64
@@ -129,7 +129,7 @@ def _described(image: Float[np.ndarray, "h w c"], error: Float[np.ndarray, "h w 
         return None
     variance, m = error[known] ** 2, np.maximum(image[known], 0.0)
     Q, R = np.linalg.qr(np.stack([1.0 / variance, m / variance], -1))
-    (read, shot), _ = nnls(R, Q.sum(0))
+    (read, shot), _ = scipy.optimize.nnls(R, Q.sum(0))
     return Noise(read=max(float(np.sqrt(read)), float(error[known].min())), shot=float(shot))
 
 

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
-from scipy import ndimage, spatial
+from scipy import ndimage
 
 from ...core.thresholds import FAR_MORE, MINOR, MOST, NEGLIGIBLE, SIDE, SLIGHT, SMALL
 
@@ -80,7 +81,7 @@ def _colour(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
     border = colours[_border(colours.shape)]
     border = border[:: max(1, len(border) // SIDE)]
     nearest = max(2, round(SMALL * len(border)))
-    far = spatial.KDTree(border).query(colours.reshape(-1, colours.shape[-1]), k=nearest)[0][:, -1]
+    far = scipy.spatial.KDTree(border).query(colours.reshape(-1, colours.shape[-1]), k=nearest)[0][:, -1]
     return _above(np.log(far.reshape(colours.shape[:2]) + MINOR))
 
 

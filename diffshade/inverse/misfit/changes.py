@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from numpy.polynomial import legendre
-from scipy import special
-from scipy.spatial.transform import Rotation
 
 from ...core.robust_scale import OUTLIER
 from ...model.surfaces import Sphere
@@ -49,7 +48,7 @@ class Move:
             rows[:, index] = np.deg2rad(np.cross(axes, theta[index] - center))
 
         def along(theta: Vector, amount: Vector) -> Vector:
-            there, turned = theta.copy(), Rotation.from_rotvec(np.deg2rad(amount @ axes))
+            there, turned = theta.copy(), scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(amount @ axes))
             for index, center in arms:
                 there[index] = center + turned.apply(theta[index] - center)
             return there
@@ -170,7 +169,7 @@ def of_floor(at: Linearised) -> Iterator[Case]:
     if cut.any():
         sigma = at.fit.rmse if at.fit.views[0].noise is None else np.sqrt(np.median(over(at.weight)))
         true = np.linspace(-OUTLIER, OUTLIER, 1024)
-        seen = true * special.ndtr(true) + np.exp(-0.5 * true**2) / np.sqrt(2.0 * np.pi)  # the mean of max(0, x)
+        seen = true * scipy.special.ndtr(true) + np.exp(-0.5 * true**2) / np.sqrt(2.0 * np.pi)  # the mean of max(0, x)
         level = np.maximum(at.predicted / sigma, seen[0])
         above = np.where(level < OUTLIER, level - np.interp(level, seen, true), 0.0)
         yield Case(0, sigma * (above * cut[at.set_up.view])[None], known=True)

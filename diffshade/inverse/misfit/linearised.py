@@ -10,9 +10,10 @@ from functools import cached_property, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
 from PIL import Image
-from scipy import ndimage, sparse
+from scipy import ndimage
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
@@ -41,7 +42,7 @@ class Linearised:
     set_up: SetUp
     state: Corrected
     predicted: Float[np.ndarray, " n"]
-    jacobian: sparse.csr_array
+    jacobian: scipy.sparse.csr_array
     """The derivatives by all numbers of the set-up, those of the fit first, (numbers, samples)."""
     slope: Float[np.ndarray, " n"]
     """The derivative of the cost by the prediction: weight times (prediction - photograph)."""
@@ -132,7 +133,9 @@ def linearise(set_up: SetUp, state: Corrected) -> Linearised:
     predicted, J, slope, weight, base = (np.concatenate(of, -1) for of in zip(*found, strict=True))
     index = set_up.shown[set_up.view].T
     shown = index < len(theta)
-    jacobian = sparse.csr_array((J[shown], (index[shown], np.nonzero(shown)[1])), shape=(len(theta), len(predicted)))
+    jacobian = scipy.sparse.csr_array(
+        (J[shown], (index[shown], np.nonzero(shown)[1])), shape=(len(theta), len(predicted))
+    )
     known = prior_gram(state.theta, set_up.laid.task.priors)
     hessian, gradient = np.asarray(known.hessian), np.asarray(known.gradient)
     return Linearised(set_up, state, predicted, jacobian, slope, weight, int(np.sum(base > 0)), hessian, gradient)

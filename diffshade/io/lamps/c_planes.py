@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import RegularGridInterpolator
 
 from ...model.measured_lights import LampLabel
 
@@ -88,7 +88,9 @@ def turned(vertical: Angles, horizontal: Angles, values: Values, kind: str, name
     within = np.rad2deg(np.arcsin(np.clip(along, -1.0, 1.0)))
     around = np.rad2deg(np.arctan2(np.where(np.abs(across) < 1e-12, 0.0, across), cosine))
     H, V = (within, around) if kind == "B" else (around, within)
-    look_up = RegularGridInterpolator((horizontal, vertical), values, bounds_error=False, fill_value=0.0)
+    look_up = scipy.interpolate.RegularGridInterpolator(
+        (horizontal, vertical), values, bounds_error=False, fill_value=0.0
+    )
     inside = np.stack([_nearly(H, horizontal), _nearly(V, vertical)], -1)
     return CandelaTable(gamma, C, look_up(inside))
 
