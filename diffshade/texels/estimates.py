@@ -138,7 +138,7 @@ def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, t
     finite = all_finite(values)
     converged = candidates.chosen(full.descent.converged, plain.descent.converged)
     vague = candidates.significant & ~highlight
-    status = status_of(highlight, vague | misfit | ~determined, ~converged | ~finite, shadowed)
+    status = status_of(highlight, vague | misfit | ~determined, shadowed, ~converged | ~finite)
     values, errors = _shown(values, errors, status == DETERMINED, finite, shadowed)
     residual = jnp.sqrt(candidates.chosen(full.mean_square, plain.mean_square))
     ended = plain.descent.converged & full.descent.converged

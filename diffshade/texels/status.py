@@ -93,12 +93,19 @@ def all_finite(values: Numbers) -> Bool[Array, " texels"]:
 
 
 def status_of(
-    highlight: Bool[Array, " texels"],
-    undetermined: Bool[Array, " texels"],
-    failed: Bool[Array, " texels"],
-    shadowed: Bool[Array, " texels"],
-) -> UInt8[Array, " texels"]:
-    """Return the status of each texel: the last condition that holds decides."""
+    highlight: Bool[Array, "*texels"],
+    undetermined: Bool[Array, "*texels"],
+    shadowed: Bool[Array, "*texels"],
+    failed: Bool[Array, "*texels"] | bool = False,
+) -> UInt8[Array, "*texels"]:
+    """Return the status of each texel, by itself or with a highlight that all share.
+
+    Args:
+        highlight: Where a highlight is determined.
+        undetermined: Where something else is not.
+        shadowed: Where too few lights reach the texel.
+        failed: Where the fit did not end.
+    """
     status = jnp.where(highlight, DETERMINED, NO_HIGHLIGHT)
     status = jnp.where(undetermined, UNDETERMINED, status)
     status = jnp.where(failed, FAILED, status)

@@ -20,7 +20,7 @@ from ..lighting import LightErrors, LightingSetup
 from ..map_arrays import MapArrays
 from ..maps import SharedHighlight, TexelMaps
 from ..prediction import KnownCoefficients
-from ..status import DETERMINED, MIN_LIT_WITH_NORMAL, ROUNDING, SHADOWED, UNDETERMINED
+from ..status import MIN_LIT_WITH_NORMAL, ROUNDING, status_of
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
 from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
@@ -266,8 +266,7 @@ class RobustRun(TexelWork):
         lit, plane = found.lit[own], found.plane[own]
         unknown = (plane < DEGREE) | (k.level < ROUNDING * shared.brightest)
         flat[part.pixels[unknown | (lit < MIN_LIT_WITH_NORMAL)]] = np.inf
-        status = np.where(unknown, UNDETERMINED, DETERMINED)
-        status = np.where(lit < MIN_LIT_WITH_NORMAL, SHADOWED, status).astype(np.uint8)
+        status = np.asarray(status_of(~unknown, unknown, lit < MIN_LIT_WITH_NORMAL))  # until the errors are known
         n_s = np.array([model.shape.exponent for model in shared.refined])[self.region_of(part.pixels)]
         arrays.write_numbers(
             part.pixels,

@@ -19,7 +19,7 @@ from ...core.thresholds import MINOR, SMALL
 from ..blocks import TexelBlock
 from ..map_arrays import MapArrays
 from ..maps import ANGLE_68
-from ..status import DETERMINED, MAX_NORMAL_ERROR, NO_HIGHLIGHT, OUTSIDE, UNDETERMINED
+from ..status import MAX_NORMAL_ERROR, OUTSIDE, SHADOWED, UNDETERMINED, status_of
 from ..tiles import LEARNING_SAMPLE, TexelTile
 from .block_fits import Turned, turned
 from .calibration import Division, Spreads, calibrated, division_of
@@ -120,8 +120,8 @@ def _write_errors(
         values[f"{name}_error"][rows] = np.where(inside[..., None], np.where(np.isnan(error), np.inf, error), 0.0)
     large = values["normal_error"][rows, :, 0] > np.rad2deg(MAX_NORMAL_ERROR)
     dull = (values["k_s"][rows] <= values["k_s_error"][rows]).all(-1)
-    status[(status == DETERMINED) & dull] = NO_HIGHLIGHT
-    status[((status == DETERMINED) | (status == NO_HIGHLIGHT)) & large] = UNDETERMINED
+    found = np.asarray(status_of(~dull, large | (status == UNDETERMINED), status == SHADOWED))
+    status[inside] = found[inside]
 
 
 def _exponent_error(work: TexelWork, sample: TexelTile, model: ObjectModel, division: Division) -> float:
