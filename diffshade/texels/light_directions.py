@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import Array
-from ..core.thresholds import DEGREE
+from ..core.thresholds import DEGREE, SLIGHT
 from ..model.vectors import Vec3, dot
 
 # Limits of the root mean square sine of the angle between the lights and the plane nearest to them.
@@ -124,8 +124,8 @@ def light_distribution(S: Float[np.ndarray, "3 3 n"]) -> LightDistribution:
 
 
 def note_on_normals(lights: LightDistribution) -> str | None:
-    """Return a note on the normals that these lights leave undetermined, with the remedy; None if there are none."""
-    if lights.coplanar == 0.0:
+    """Return a note on the normals that these lights leave undetermined, with the remedy; None if there are hardly any."""
+    if lights.coplanar < SLIGHT:  # a few at the terminator, whose status says it
         return None
     which = "the texels" if lights.coplanar > 0.995 else f"{lights.coplanar:.0%} of the texels"
     x, y, z = lights.plane_normal
