@@ -23,7 +23,7 @@ def white(random: np.random.Generator) -> np.ndarray:
     return random.standard_normal((SIDE, SIDE))
 
 
-SHOWN = Footprint(ROW * SIDE + COLUMN, SIDE)
+SHOWN = Footprint([ROW * SIDE + COLUMN], (SIDE, SIDE))
 
 
 def p_value(views: list[Leftover]) -> float:

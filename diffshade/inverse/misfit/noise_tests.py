@@ -17,7 +17,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import special
 
 from ...core.backend import PLAINLY, jit_quickly
@@ -36,15 +36,15 @@ BINS = CELLS  # of equally many pixels, by brightness
 class Footprint:
     """Where the pixels of a view are; views of one camera that show the same share it."""
 
-    def __init__(self, pixels: Int[np.ndarray, " n"], width: int):
-        """Find which pixels, in ascending order, have four neighbours, and the cells of rows and of columns."""
-        top, bottom = pixels[[0, -1]] // width
-        whole = np.zeros((bottom + 1 - top, width), bool)
-        whole.reshape(-1)[pixels - top * width] = True
-        columns = np.flatnonzero(whole.any(0))
-        self.inside = inside = np.pad(whole[:, columns[0] : columns[-1] + 1], 1)
+    def __init__(self, pieces: Sequence[Int[np.ndarray, " n"]], shape: tuple[int, int]):
+        """Find which pixels of a picture have four neighbours, and the cells of rows and of columns."""
+        whole = np.zeros(shape, bool)
+        for pixels in pieces:  # in ascending order
+            whole.reshape(-1)[pixels] = True
+        rows, columns = (np.flatnonzero(whole.any(axis)) for axis in (1, 0))
+        self.inside = inside = np.pad(whole[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], 1)
         middle = inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
-        self.middle = np.pad(middle.astype(np.float32), ((0, 0), (1, 1)))
+        self.middle = np.pad(middle, ((0, 0), (1, 1)))
         self.first = np.append(0, np.cumsum(np.count_nonzero(inside, 1)))  # pixel of each row
         down, along = (np.eye(CELLS, dtype=np.float32)[np.arange(side) * CELLS // side] for side in middle.shape)
         self.down, self.along = down.T, np.pad(along, ((1, 1), (0, 0)))
@@ -92,9 +92,8 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     for view, of in itertools.groupby(laid.parts, key=lambda part: part.view):
         pixels = [part.pixels for part in of]
         start, end = end, end + sum(map(len, pixels))
-        key = (data.views[view].camera.shape[1], *map(id, pixels))
-        if key not in shown:
-            shown[key] = Footprint(np.concatenate(pixels), key[0])
+        if (key := tuple(map(id, pixels))) not in shown:
+            shown[key] = Footprint(pixels, data.views[view].camera.shape)
         left.append(Leftover(view, shown[key], *both[:, start:end]))
     return left
 
@@ -173,7 +172,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
 
 
 def _looks(
-    middle: Float[np.ndarray, "h w"], residual: Float[np.ndarray, "h+2 w"], light: Float[np.ndarray, "h+2 w"]
+    middle: Bool[np.ndarray, "h w"], residual: Float[np.ndarray, "h+2 w"], light: Float[np.ndarray, "h+2 w"]
 ) -> Float[np.ndarray, "looks 2"]:
     """Return sums of residuals times gradient, curvature and neighbours, and of the squares of these products.
 
