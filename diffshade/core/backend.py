@@ -63,7 +63,7 @@ def in_float64(given: T = None) -> Iterator[T]:
     to the thread, and leaves the flag as it was.
     """
     with jax.enable_x64(True):
-        yield with_new_arrays(given)
+        yield given if given is None else with_new_arrays(given)
 
 
 def with_new_arrays(tree: T) -> T:

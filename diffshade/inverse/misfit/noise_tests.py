@@ -8,10 +8,11 @@ numbers that were fitted take a part of each sum away, so that these tests err o
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from typing import NamedTuple
 
 import jax
@@ -24,8 +25,9 @@ from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
 from ...parallel.threads import on_all_cores
 from ..forward.interface import AbstractForwardModel
+from ..forward.rendered import costs
 from ..laid_out import LaidOut
-from ..pixels.blocks import MANY, Block, total
+from ..pixels.blocks import BLOCK, CHUNK, Block, total
 from ..pixels.blocks import chunks as in_chunks
 
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
@@ -105,11 +107,11 @@ def _residuals(
     """Return sums over the channels of the whitened residuals, 0 where a sample is clipped, and of the predictions."""
 
     def of_block(block: Block) -> tuple[Array, Array]:
-        m, seen, weight = jnp.stack(model.predict(theta, block)), block.observed, model.sample_weights(block)
-        terms = model.likelihood.terms(m, seen.target, weight, seen.clipped)
-        residual = terms.slope / jnp.sqrt(jnp.where(terms.curvature > 0, terms.curvature, 1.0))
-        sums = residual.sum(0), jnp.where(weight > 0, m, 0.0).sum(0)
-        return jax.tree.map(lambda of, unit: (of / unit).astype(np.float32), sums, units)
+        m, weight = model.predict(theta, block), model.sample_weights(block)
+        terms = costs(model.likelihood, m, dataclasses.replace(block.observed, weight=weight))
+        residual = sum(t.slope / jnp.sqrt(jnp.where(t.curvature > 0, t.curvature, 1.0)) for t in terms)
+        light = sum(jnp.where(w > 0, of, 0.0) for of, w in zip(m, weight, strict=True))
+        return jax.tree.map(lambda of, unit: (of / unit).astype(np.float32), (residual, light), units)
 
     return jax.lax.map(of_block, chunk)
 
@@ -149,7 +151,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
 
     def of_band(rows: slice) -> list[np.ndarray]:
         part = slice(at.first[rows.start + 1], at.first[rows.stop + 1])
-        residual, bins = z[part], np.searchsorted(edges, light[part])
+        residual, bins = z[part], reduce(np.add, [(light[part] > edge).view(np.int8) for edge in edges])
         squares = residual * residual
         run = np.append(0, np.flatnonzero(bins[1:] != bins[:-1]) + 1)  # where neighbours are not in one bin
         over_bins = [np.bincount(bins[run], np.add.reduceat(of, run), BINS) for of in (residual, squares)]
@@ -160,7 +162,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
         return [*over_cells, *over_bins, count, squares @ squares, _looks(at.middle[rows], picture, shade)]
 
     height, width = at.middle.shape
-    step = max(MANY // width, 1)  # what a band needs stays in a core's cache
+    step = max(CHUNK * BLOCK // width, 1)  # what a band needs stays in a core's cache
     bands = [slice(first, min(first + step, height)) for first in range(0, height, step)]
     filled = [rows for rows in bands if at.first[rows.start + 1] < at.first[rows.stop + 1]]
     *fine, of_bins, squares, count, fourth, looks = total(on_all_cores(of_band, filled))
