@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..model.scenes import Object, Scene
+from ..model.scenes import Object, Scene, over_pixels_and_rest
 from ..parallel.threads import on_all_cores
 from .data.samples import MIN_PIXELS
 from .data.view_sets import ViewSet
@@ -44,7 +44,6 @@ from .pixels.blocks import (
 )
 from .solve.solvers import BoxConstraints, PriorResiduals, Task
 from .solve.start_search import steepest
-from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, free_places, unit_vectors
 from .unknowns.visibility import arrow_of
 
@@ -189,7 +188,7 @@ def fit_problem(
     in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
     box = BoxConstraints(lower, upper, linear, arrow, bool(in_border))
     size = block_size(data.pixels, len(AROUND) if setting.blurred else 1)
-    over_pixels, _ = apart(scene)
+    over_pixels, _ = over_pixels_and_rest(scene.objects)
     return FitProblem(scene, data, unknowns, loss, model, box, size, over_pixels)
 
 

@@ -241,7 +241,10 @@ class StackedScene(eqx.Module):
 
 def over_pixels_and_rest(objects: tuple[Object, ...]) -> tuple[tuple[Object, ...], tuple[Object, ...]]:
     """Return what comes with the pixels (G-buffers, coefficients over them) and all else; None where the other is."""
-    return eqx.partition(objects, _comes_with_pixels, is_leaf=_stays_whole)
+    leaves, structure = jax.tree.flatten(objects, is_leaf=_stays_whole)
+    over_pixels = [leaf if _comes_with_pixels(leaf) else None for leaf in leaves]
+    rest = [None if of is not None else leaf for of, leaf in zip(over_pixels, leaves, strict=True)]
+    return structure.unflatten(over_pixels), structure.unflatten(rest)
 
 
 def together(over_pixels: tuple[Object, ...], rest: tuple[Object, ...]) -> tuple[Object, ...]:

@@ -23,7 +23,7 @@ def white(random: np.random.Generator) -> np.ndarray:
     return random.standard_normal((SIDE, SIDE))
 
 
-SHOWN = Footprint(ROW * SIDE + COLUMN, SIDE)
+SHOWN = Footprint([ROW * SIDE + COLUMN], (SIDE, SIDE))
 
 
 def p_value(views: list[Leftover]) -> float:
@@ -95,6 +95,7 @@ def test_what_is_left_of_a_fit_is_its_whitened_residuals_and_clipped_samples_tha
     with in_float64(fit) as own:
         laid = own.solved.laid_out()
         found = leftovers(laid, laid.theta)
+    unit, brightest = np.sqrt(laid.squares / fit.counts.samples), max(np.max(image) for image in images)
     clipped = 0
     for view, of in zip(fit.views, found, strict=True):
         seen = fit.predict(view)
@@ -105,6 +106,6 @@ def test_what_is_left_of_a_fit_is_its_whitened_residuals_and_clipped_samples_tha
         clipped += int(met.sum())
         sure = ~np.any((image >= 0.5) & (np.abs(shown - 0.5) < 0.02), -1)  # near its level, the limit is smooth
         expected = np.where(met, 0.0, (shown - image) / 0.02).sum(-1)
-        np.testing.assert_allclose(of.residual[sure], expected[sure], atol=1e-9)
-        np.testing.assert_allclose(of.light, shown.sum(-1), atol=1e-9)
+        np.testing.assert_allclose(unit * of.residual[sure], expected[sure], rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(brightest * of.light, shown.sum(-1), rtol=1e-6)
     assert clipped > 20

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from hashlib import blake2b
 from typing import Any
 
 import equinox as eqx
@@ -131,7 +130,7 @@ class ViewSet:
         """
         samples, left_out, repeats = [], 0, {} if forecast else self.repeats
         outlines: dict[Any, Mask] = {}
-        shown: dict[Any, Int[np.ndarray, " n"]] = {}
+        shown: dict[Any, list[Int[np.ndarray, " n"]]] = {}
         for i, (view, camera) in enumerate(zip(self.views, self.cameras, strict=True)):
             try:
                 found = find_samples(scene, view, moving=moving, outlines=outlines)
@@ -142,7 +141,10 @@ class ViewSet:
             if clipped == "exclude" and (ends := found.ends()).any():
                 left_out += int(np.abs(ends).sum())
                 found = found.at(found.pixels[~ends.any(-1)])
-            samples.append(found.at(shown.setdefault((camera, blake2b(found.pixels.data).digest()), found.pixels)))
+            alike = shown.setdefault((camera, len(found.pixels)), [])
+            same = next((pixels for pixels in alike if np.array_equal(pixels, found.pixels)), found.pixels)
+            alike.append(same)
+            samples.append(found.at(same))
         counts = Counts(left_out=left_out, repeats=tuple(repeats.items()))
         whole = dataclasses.replace(self, samples=tuple(samples), clipped=clipped, counts=counts)
         found = whole.part(at_most)

@@ -8,23 +8,26 @@ numbers that were fitted take a part of each sum away, so that these tests err o
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 from scipy import special
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
 from ...parallel.threads import on_all_cores
 from ..forward.interface import AbstractForwardModel
+from ..forward.rendered import costs
 from ..laid_out import LaidOut
-from ..pixels.blocks import MANY, Block, total
+from ..pixels.blocks import BLOCK, CHUNK, Block, total
 from ..pixels.blocks import chunks as in_chunks
 
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
@@ -35,34 +38,33 @@ BINS = CELLS  # of equally many pixels, by brightness
 class Footprint:
     """Where the pixels of a view are; views of one camera that show the same share it."""
 
-    def __init__(self, pixels: Int[np.ndarray, " n"], width: int):
-        """Find the cell of each pixel, in ascending order, and which pixels have four neighbours."""
-        row = pixels // width
-        column = pixels - row * width
-        row, column = row - row.min() + 1, column - column.min() + 1
-        self.shape = int(row.max()) + 2, int(column.max()) + 2
-        of_row, of_column = (np.arange(-1, size - 1) * CELLS // (size - 2) for size in self.shape)
-        self.cell = (of_row * CELLS)[row] + of_column[column]
-        self.at = row * self.shape[1] + column
-        self.first = np.searchsorted(row, np.arange(self.shape[0] + 1, dtype=row.dtype))  # pixel of each row
-        inside = self.rows_of(np.ones(len(pixels), bool), 0, self.shape[0])
-        self.middle = inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
+    def __init__(self, pieces: Sequence[Int[np.ndarray, " n"]], shape: tuple[int, int]):
+        """Find which pixels of a picture have four neighbours, and the cells of rows and of columns."""
+        whole = np.zeros(shape, bool)
+        for pixels in pieces:  # in ascending order
+            whole.reshape(-1)[pixels] = True
+        rows, columns = (np.flatnonzero(whole.any(axis)) for axis in (1, 0))
+        self.inside = inside = np.pad(whole[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], 1)
+        middle = inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
+        self.middle = np.pad(middle, ((0, 0), (1, 1)))
+        self.first = np.append(0, np.cumsum(np.count_nonzero(inside, 1)))  # pixel of each row
+        down, along = (np.eye(CELLS, dtype=np.float32)[np.arange(side) * CELLS // side] for side in middle.shape)
+        self.down, self.along = down.T, np.pad(along, ((1, 1), (0, 0)))
 
-    def pixels_of(self, first: int, last: int) -> slice:
-        """Return the pixels of the rows from `first` up to, not including, `last`; row 0 is above the first pixel."""
-        return slice(self.first[first], self.first[last])
-
-    def rows_of(self, of: Shaped[np.ndarray, " n"], first: int, last: int) -> Shaped[np.ndarray, "h w"]:
-        """Return some rows of a picture of the pixels, with a border on each side; 0 or false beside the object."""
-        part, width = self.pixels_of(first, last), self.shape[1]
-        found = np.zeros((last - first) * width, of.dtype)
-        found[self.at[part] - first * width] = of[part]
-        return found.reshape(-1, width)
+    def rows_of(self, of: Float[np.ndarray, " n"], first: int, last: int) -> Float[np.ndarray, "h w"]:
+        """Return some rows of a picture of the pixels, with a border on each side; 0 beside the object."""
+        inside = self.inside[first:last]
+        found = np.zeros(inside.shape, of.dtype)
+        found[inside] = of[self.first[first] : self.first[last]]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """What a fit leaves of one view: the whitened residuals, the channels added up, and the prediction's brightness."""
+    """What a fit leaves of one view: the whitened residuals, the channels added up, and the prediction's brightness.
+
+    Of float32, in units of the samples' root mean square and of the brightest one.
+    """
 
     view: int
     shown: Footprint
@@ -75,34 +77,41 @@ Sums = tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]  # of res
 
 def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     """Return what is left of each view, at these numbers; clipped samples count as met."""
-    at, views = jnp.asarray(theta), laid.problem.data.views
-    done = on_all_cores(lambda chunk: _residuals(at, laid.model, chunk), laid.chunks)
-    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in views]
-    for of_chunk, parts in zip(done, in_chunks(laid.parts), strict=True):
-        residual, light = (np.asarray(of) for of in of_chunk)
-        for b, (view, _, pixels) in enumerate(parts):
-            found[view].append((pixels, residual[b, : len(pixels)], light[b, : len(pixels)]))
+    at, data = jnp.asarray(theta), laid.problem.data
+    units = np.sqrt(laid.squares / data.counts.samples), max(s.brightest for s in data.samples)
+    lengths = [[len(part.pixels) for part in of] for of in in_chunks(laid.parts)]
+    starts = np.cumsum([0, *map(sum, lengths)])
+    both = np.empty((2, starts[-1]), np.float32)
+
+    def fill(k: int) -> None:
+        of_chunk = _residuals(at, units, laid.model, laid.chunks[k])
+        for out, found in zip(both[:, starts[k] : starts[k + 1]], of_chunk, strict=True):
+            np.concatenate([row[:n] for row, n in zip(np.asarray(found), lengths[k], strict=True)], out=out)
+
+    on_all_cores(fill, range(len(lengths)))
     shown: dict[tuple[int, ...], Footprint] = {}
-    left = []
-    for i, (view, parts) in enumerate(zip(views, found, strict=True)):
-        pixels, residual, light = ([of[k] for of in parts if len(of[0])] for k in range(3))
-        if pixels:
-            key = (view.camera.shape[1], *map(id, pixels))
-            if key not in shown:
-                shown[key] = Footprint(np.concatenate(pixels), key[0])
-            left.append(Leftover(i, shown[key], np.concatenate(residual), np.concatenate(light)))
+    left, end = [], 0
+    for view, of in itertools.groupby(laid.parts, key=lambda part: part.view):
+        pixels = [part.pixels for part in of]
+        start, end = end, end + sum(map(len, pixels))
+        if (key := tuple(map(id, pixels))) not in shown:
+            shown[key] = Footprint(pixels, data.views[view].camera.shape)
+        left.append(Leftover(view, shown[key], *both[:, start:end]))
     return left
 
 
 @partial(jit_quickly, options=PLAINLY)
-def _residuals(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, Array]:
+def _residuals(
+    theta: Array, units: tuple[Array, Array], model: AbstractForwardModel, chunk: Block
+) -> tuple[Array, Array]:
     """Return sums over the channels of the whitened residuals, 0 where a sample is clipped, and of the predictions."""
 
     def of_block(block: Block) -> tuple[Array, Array]:
-        m, seen, weight = jnp.stack(model.predict(theta, block)), block.observed, model.sample_weights(block)
-        terms = model.likelihood.terms(m, seen.target, weight, seen.clipped)
-        residual = terms.slope / jnp.sqrt(jnp.where(terms.curvature > 0, terms.curvature, 1.0))
-        return residual.sum(0), jnp.where(weight > 0, m, 0.0).sum(0)
+        m, weight = model.predict(theta, block), model.sample_weights(block)
+        terms = costs(model.likelihood, m, dataclasses.replace(block.observed, weight=weight))
+        residual = sum(t.slope / jnp.sqrt(jnp.where(t.curvature > 0, t.curvature, 1.0)) for t in terms)
+        light = sum(jnp.where(w > 0, of, 0.0) for of, w in zip(m, weight, strict=True))
+        return jax.tree.map(lambda of, unit: (of / unit).astype(np.float32), (residual, light), units)
 
     return jax.lax.map(of_block, chunk)
 
@@ -115,7 +124,7 @@ class Whiteness(NamedTuple):
     correlation: float
     """The variance of sums over the cells of the size where it is largest, over that of independent residuals."""
     squares: Mapping[int, float]
-    """The mean square of the residuals of each view that has some."""
+    """The mean square of the residuals of each view that has some, in any unit."""
 
 
 def whiteness(views: Sequence[Leftover]) -> Whiteness:
@@ -127,7 +136,7 @@ def whiteness(views: Sequence[Leftover]) -> Whiteness:
     found = [p for of in sums for p in _p_values(of)]
     found.append(min(_p_of_variance(of) for of in of_variance) * len(views))
     over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
-    squares = {view.view: float(np.mean(view.residual**2)) for view in views}
+    squares = {view.view: float(view.residual @ view.residual) / len(view.residual) for view in views}
     return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares)
 
 
@@ -138,20 +147,25 @@ def _all_sums(view: Leftover) -> list[Sums]:
     """
     z, light, at = view.residual, view.light, view.shown
     some = light[:: max(len(light) // 1024, 1)]
-    edges = np.quantile(some, np.arange(1, BINS) / BINS)
+    edges = np.quantile(some, np.arange(1, BINS) / BINS).astype(light.dtype)
 
-    def of_band(first: int) -> list[np.ndarray]:
-        last = min(first + rows, at.shape[0] - 2)
-        part = at.pixels_of(first + 1, last + 1)
-        residual, cell, bins = z[part], at.cell[part], np.searchsorted(edges, light[part])
+    def of_band(rows: slice) -> list[np.ndarray]:
+        part = slice(at.first[rows.start + 1], at.first[rows.stop + 1])
+        residual, bins = z[part], reduce(np.add, [(light[part] > edge).view(np.int8) for edge in edges])
         squares = residual * residual
-        over_cells = [np.bincount(cell, of, CELLS**2) for of in (residual, squares)]
-        over_bins = [np.bincount(bins, of, BINS) for of in (residual, squares)]
-        looks = _looks(at.middle[first:last], at.rows_of(z, first, last + 2), at.rows_of(light, first, last + 2))
-        return [*over_cells, *over_bins, np.bincount(bins, minlength=BINS), np.sum(squares**2, keepdims=True), looks]
+        run = np.append(0, np.flatnonzero(bins[1:] != bins[:-1]) + 1)  # where neighbours are not in one bin
+        over_bins = [np.bincount(bins[run], np.add.reduceat(of, run), BINS) for of in (residual, squares)]
+        count = np.bincount(bins[run], np.diff(run, append=len(bins)), BINS)
+        picture, shade = (at.rows_of(of, rows.start, rows.stop + 2) for of in (z, light))
+        own = picture[1:-1]
+        over_cells = [at.down[:, rows] @ (of @ at.along) for of in (own, own * own)]
+        return [*over_cells, *over_bins, count, squares @ squares, _looks(at.middle[rows], picture, shade)]
 
-    rows = max(MANY // at.shape[1], 1)  # what a band needs stays in a core's cache
-    *fine, of_bins, squares, count, fourth, looks = total(on_all_cores(of_band, range(0, at.shape[0] - 2, rows)))
+    height, width = at.middle.shape
+    step = max(CHUNK * BLOCK // width, 1)  # what a band needs stays in a core's cache
+    bands = [slice(first, min(first + step, height)) for first in range(0, height, step)]
+    filled = [rows for rows in bands if at.first[rows.start + 1] < at.first[rows.stop + 1]]
+    *fine, of_bins, squares, count, fourth, looks = total(on_all_cores(of_band, filled))
     found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
     found += [(of_bins, squares), *((of[:1], of[1:]) for of in looks)]
     mean = float(squares.sum()) / len(z)
@@ -160,20 +174,30 @@ def _all_sums(view: Leftover) -> list[Sums]:
 
 
 def _looks(
-    middle: Bool[np.ndarray, "h w"], residual: Float[np.ndarray, "h+2 w+2"], light: Float[np.ndarray, "h+2 w+2"]
+    middle: Bool[np.ndarray, "h w"], residual: Float[np.ndarray, "h+2 w"], light: Float[np.ndarray, "h+2 w"]
 ) -> Float[np.ndarray, "looks 2"]:
     """Return sums of residuals times gradient, curvature and neighbours, and of the squares of these products.
 
-    The pictures have one more pixel on each side.
+    The pictures have one more row above and below, and nothing in their first and last columns, so that a step to a
+    neighbour is one along the flattened picture.
     """
-    own = residual[1:-1, 1:-1]
-    inner = own * middle
-    down, up, right, left = light[2:, 1:-1], light[:-2, 1:-1], light[1:-1, 2:], light[1:-1, :-2]
-    curvature = down + up + right + left - 4.0 * light[1:-1, 1:-1]
-    above, beside = own * residual[:-2, 1:-1], own * residual[1:-1, :-2]
-    products = inner * (down - up), inner * (right - left), inner * curvature, above, beside
-    *looks, (a, b), (c, d) = ((of.sum(), np.einsum("ij,ij", of, of)) for of in products)
-    return np.array([*looks, (a + c, b + d)])
+    width, n = middle.shape[1], middle.size
+
+    def beside(of: np.ndarray, step: int) -> np.ndarray:
+        return of.reshape(-1)[width + step : width + step + n]
+
+    own, shade = beside(residual, 0), beside(light, 0)
+    inner = own * middle.reshape(-1)
+    down, up, right, left = (beside(light, step) for step in (width, -width, 1, -1))
+    bend = down + up
+    bend += right
+    bend += left
+    bend -= 4.0 * shade
+    pairs = [(inner, of) for of in (down - up, right - left, bend)]
+    pairs += [(own, beside(residual, step)) for step in (-width, -1)]
+    products = (a * b for a, b in pairs)
+    sums = np.array([(a @ b, of @ of) for (a, b), of in zip(pairs, products, strict=True)], np.float64)
+    return np.array([*sums[:3], sums[3] + sums[4]])
 
 
 def _joined(fine: Sequence[np.ndarray], side: int) -> Sums:

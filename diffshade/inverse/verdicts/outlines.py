@@ -17,7 +17,6 @@ from ...core.thresholds import BLACK, CLEARLY, MINOR, MOST, SMALL
 from ...core.words import Note
 from ...io.lazy_images import LazyImage
 from ...model.gbuffers import GBuffer
-from ...model.rendering import silhouette
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from ...parallel.threads import on_all_cores
@@ -62,15 +61,15 @@ def check_outlines(fit: Fit, _: ReportProgress = silent) -> Fit:
 def wrong_outline(fit: Fit) -> WrongOutline | None:
     """Return how the silhouette differs from what the views without a mask show; None where it does not. In float64.
 
-    Only the silhouette is rendered. If the residuals do not exceed the photographs' noise, the outline is right.
+    Of such views all pixels in the silhouette are looked at. If the residuals do not exceed the photographs' noise, the
+    outline is right.
     """
-    views = [v for v in fit.views if not has_mask(v) and not isinstance(v.image, LazyImage)]
-    groups: dict[Any, list[View]] = {}
-    for view in views:
-        groups.setdefault(camera_key(view.camera), []).append(view)
+    groups: dict[Any, tuple[Mask, list[View]]] = {}
+    for view, samples in zip(fit.views, fit.solved.problem.data.samples, strict=True):
+        if not has_mask(view) and not isinstance(view.image, LazyImage):
+            groups.setdefault(camera_key(view.camera), (samples.inside, []))[1].append(view)
     found = []
-    for group in groups.values():
-        inside = np.asarray(silhouette(fit.scene.objects, group[0].camera))
+    for inside, group in groups.values():
         if _unlike_noise(fit, group, inside):
             found.append(compare(inside, np.max([_brightness(view) for view in group], 0)))
     mapped = any(isinstance(item.surface, GBuffer) for item in fit.scene.objects)  # whose outline is a given mask
