@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.words import listing
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.gltf_files import uri_of
 from ..io.image_formats import encode
 from .base_colours import CLAMP, MIRROR, REPEAT, STARTS, BaseColour, ColourPicture
@@ -105,8 +105,7 @@ def write_copies(copies: Mapping[Path, bytes]) -> None:
     """Write the pictures beside a file, each of them whole; one that is there already stays."""
     for path, data in copies.items():
         if not (path.is_file() and path.read_bytes() == data):
-            with replacing(path) as temporary:
-                temporary.write_bytes(data)
+            write_file(path, data)
 
 
 def notes_on_base(

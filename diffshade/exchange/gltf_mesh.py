@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.thresholds import UNCLIPPED_PERCENT
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.gltf_files import uri_of
 from ..io.image_formats import encode
 from ..model.materials import Material
@@ -182,10 +182,8 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
         beside = {f"{path.stem}.bin": binary} | {f"{path.stem}_{name}.png": data for name, data in files.items()}
         for name, data in beside.items():
             written.append(path.with_name(name))
-            with replacing(written[-1]) as temporary:
-                temporary.write_bytes(data)
-    with replacing(path) as temporary:
-        temporary.write_bytes(_glb(document, binary) if packed else json.dumps(document, indent=1).encode())
+            write_file(written[-1], data)
+    write_file(path, _glb(document, binary) if packed else json.dumps(document, indent=1))
     return [*written, path]
 
 

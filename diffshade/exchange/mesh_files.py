@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..core.fields import check_kind
 from ..core.thresholds import SMALL, UNCLIPPED_PERCENT
-from ..io.files import replacing, writable
+from ..io.files import replacing, writable, write_file
 from ..io.image_formats import encode
 from ..model.gbuffers import GBuffer
 from ..model.lobes import Blinn
@@ -183,8 +183,7 @@ def _write_ply(path: Path, mesh: HeightMesh, surface: MapSurface | None, notes: 
     header += [f"element vertex {len(corners)}"]
     header += [f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in kinds]
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
-    with replacing(path) as temporary:
-        temporary.write_bytes("\n".join(header).encode() + corners.tobytes() + faces.tobytes())
+    write_file(path, "\n".join(header).encode() + corners.tobytes() + faces.tobytes())
     return path
 
 
@@ -197,13 +196,11 @@ def _write_obj(path: Path, mesh: HeightMesh, found: Textures | None, notes: list
         named = {name: f"{path.stem}_{name}.png" for name in found.pictures}
         for name, picture in found.pictures.items():
             written.append(path.with_name(named[name]))
-            with replacing(written[-1]) as temporary:
-                temporary.write_bytes(encode(".png", picture))
+            write_file(written[-1], encode(".png", picture))
         rows = ["newmtl maps", *(f"{key} {value}" for key, value in found.material.items())]
         rows += [f"{name if name == 'norm' else f'map_{name}'} {file}" for name, file in named.items()]
         written.append(path.with_suffix(".mtl"))
-        with replacing(written[-1]) as temporary:
-            temporary.write_text("".join(f"# {note}\n" for note in notes) + "\n".join(rows) + "\n", encoding="utf-8")
+        write_file(written[-1], "".join(f"# {note}\n" for note in notes) + "\n".join(rows) + "\n")
     face = np.repeat(mesh.face + 1, 3, axis=1)  # place, texture and normal of a corner have one index
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.writelines(f"# {note}\n" for note in notes)

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.thresholds import UNCLIPPED_PERCENT
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.gltf_files import uri_of
 from ..io.image_formats import encode
 from ..texels.heights.mesh import HeightMesh
@@ -115,8 +115,7 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
     written = []
     for name, picture in pictures.items():
         written.append(path.with_name(f"{path.stem}_{name}.png"))
-        with replacing(written[-1]) as temporary:
-            temporary.write_bytes(encode(".png", picture))
+        write_file(written[-1], encode(".png", picture))
     attributes = {
         "position": mesh.corner,
         "normal": mesh.normal,
@@ -148,8 +147,7 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
             "userData": {"diffshade": notes},
         },
     }
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(document, separators=(",", ":"), ensure_ascii=False), encoding="utf-8")
+    write_file(path, json.dumps(document, separators=(",", ":"), ensure_ascii=False))
     return [*written, path]
 
 

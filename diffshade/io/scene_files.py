@@ -32,7 +32,7 @@ from ..model.patterns import Chequer
 from ..model.scenes import Object, Scene
 from ..model.surfaces import Box, Plane, Sphere
 from .arrays import read_array, write_array
-from .files import replacing, writable
+from .files import writable, write_file
 from .lamps.lamp_files import read_lamp
 
 # The classes of a table by its key; where there is a choice, `type` names one, the first by default.
@@ -127,8 +127,7 @@ def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None
     writable(path)
     for name, array in arrays.items():
         write_array(path.with_name(name), array)
-    with replacing(path) as temporary:
-        temporary.write_text(tomli_w.dumps(document), encoding="utf-8")
+    write_file(path, tomli_w.dumps(document))
     return [*(path.with_name(name) for name in arrays), path]
 
 
