@@ -26,7 +26,7 @@ from .carried_pictures import into_gltf, notes_on_base
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
 from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, metal_of, surface_of, what_of
-from .readings import Reading, as_number, as_numbers, as_table, load_json
+from .readings import Reading, as_number, as_numbers, as_table, first_of, load_json
 from .reference import as_blinn, differences, radiance, reference_of
 
 PREFIX = "KHR_materials_"
@@ -285,13 +285,13 @@ def _note_the_rest(
             reading.note(name, f"the extension {short(key)} is not read.")
     known = [(row, ROW), (pbr, PBR), *((table, READ[key]) for key, table in read.items())]
     unknown = [
-        short(key)
+        key
         for table, keys in known
         for key in table
         if key not in (*keys, "extensions", "extras") and not key.endswith("Texture")
     ]
     if unknown:
-        reading.note(name, f"unknown keys are not read: {', '.join(unknown[:8])}{' and more' * (len(unknown) > 8)}.")
+        reading.note(name, f"unknown keys are not read: {first_of(unknown)}.")
 
 
 def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
