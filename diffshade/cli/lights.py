@@ -11,7 +11,7 @@ import click
 
 from ..core.words import with_names
 from .sources import ENCODING, EXIF, INTENSITY_ERROR, LIGHT_ERROR, Encodings, by_name
-from .terminal import FILE, FOLDER, SETTINGS, Circle, OneOf, answer, with_json
+from .terminal import CIRCLE, FILE, FOLDER, SETTINGS, OneOf, answer, with_json
 
 if TYPE_CHECKING:
     from ..calibration.applying import AppliedLights
@@ -26,7 +26,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.argument("photos", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--ball", type=OneOf(BALLS), required=True, help="mirror, matte or glossy")
 @click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: the folder's, or found]")
-@click.option("--circle", type=Circle(), multiple=True, metavar="X,Y,R", help="Or its column, row and radius, pixels")
+@click.option("--circle", type=CIRCLE, multiple=True, metavar="X,Y,R", help="Or its column, row and radius, pixels")
 @ENCODING
 @EXIF
 @click.option("--camera", type=FILE, help="Scene with the [camera]  [default: far away]")
