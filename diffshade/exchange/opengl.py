@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.words import errors_at
 from ..io.parsing import NUMBER, number, short, without_long_comments
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
@@ -19,7 +20,7 @@ from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain, together
 from .lobe_refits import with_lobe
 from .names import identifiers, original
-from .readings import Reading, errors_at, read_declared
+from .readings import Reading, read_declared
 
 MAX_N_S = 128.0  # GL_SHININESS and GL_SPOT_EXPONENT at most
 MAX_LIGHTS = 8

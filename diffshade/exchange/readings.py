@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from ..core.words import MAX_NAMED, listing
+from ..core.words import MAX_NAMED, errors_at, listing, unused
 from ..io.parsing import short
 from ..model.materials import Material
 from .base_colours import BaseColour
@@ -70,10 +69,7 @@ class Reading:
 
     def unused(self, name: str) -> str:
         """Return a name that no material has yet: with a number after it if need be."""
-        taken, i, found = self.materials.keys() | self.refused.keys(), 2, name
-        while found in taken:
-            found, i = f"{name}_{i}", i + 1
-        return found
+        return unused(name, self.materials.keys() | self.refused.keys())
 
 
 def read_declared(
@@ -98,16 +94,6 @@ def read_declared(
         name, part = reading.unused(start.group(1)), text[start.start() : end]
         reading.add(name, partial(read, part, reading.at(name), partial(reading.note, name)))
     return reading
-
-
-@contextmanager
-def errors_at(where: str) -> Iterator[None]:
-    """Let an error of what is made of a file begin with where it is; one of the reading does already."""
-    try:
-        yield
-    except ValueError as error:
-        said = str(error)
-        raise ValueError(said if said.startswith(where) else f"{where}: {said}") from None
 
 
 def textures_not_read(names: Sequence[str], *, textured: bool) -> str:
