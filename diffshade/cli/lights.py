@@ -183,8 +183,6 @@ def find_lights(
     from ..calibration.result import check_folder
     from ..inverse.data.photographs import read_folder
 
-    if not photos.is_dir():
-        raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
     if out is not None and out.resolve() == photos.resolve():
         raise ValueError(f"-o {out} is the folder of the photographs. Give the name of a new folder.")
     if out is not None:
@@ -250,12 +248,11 @@ def mask(photos: Path, out: Path | None) -> None:
     from ..report.mask_picture import draw_mask
 
     check_extra("photographs", "cannot find a mask", "cv2", "matplotlib")
-    if not photos.is_dir():
-        raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
+    files = list_folder(photos).files
     out = photos / "mask.png" if out is None else out
     if out.exists():
         raise FileExistsError(f"{out} exists already. Remove it, or give another file with -o.")
-    photographs = photograph_files(list_folder(photos).files, srgb=None)
+    photographs = photograph_files(files, srgb=None)
     for note in photographs.notes:
         _LOGGER.warning("%s: %s", photos, note)
     found = find_mask(photographs.images())
