@@ -122,9 +122,9 @@ def write_textured(
         check_rgb(f"the material {word!r}", one)
     bases = {name: base for name, base in bases.items() if base.picture is not None and name in named}
     if suffix in TEXTURED:
-        found = carried(bases, path)
-        draft, notes = TEXTURED[suffix](named, lights, found.bases), found.notes
-        write_copies(found.copies)
+        there, copies, notes = carried(bases, path)
+        draft = TEXTURED[suffix](named, lights, there)
+        write_copies(copies)
     else:
         draft, notes = WRITERS[suffix](named, lights), ()
         if bases:
