@@ -109,7 +109,7 @@ def reflected(
     head_on: Float[np.ndarray, "h w 3"],
     roughness: Float[np.ndarray, "h w"],
 ) -> Float[np.ndarray, "h w 3"]:
-    """Return the radiance under a light of pi in the direction l, as `gltf.Surface` does, for textures."""
+    """Return the radiance of textures under a light of pi in the direction l, as `MetallicRoughness.reflected` does."""
     n = normal.reshape(-1, 3)
     points = Reference(np.where(n[:, 2:] > EDGE, n, [0.0, 0.0, 1.0]), np.broadcast_to(l, n.shape))
     seen = points.n_l > EDGE
