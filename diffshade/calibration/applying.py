@@ -184,8 +184,6 @@ def apply_lights(
     for name, length in (("apart", apart), ("width", width)):
         if length is not None and not (np.isfinite(length) and length > 0.0):
             raise ValueError(f"{name} must be above 0; got {length:g}. Give it in the units of the balls' radius.")
-    if not folder.is_dir():
-        raise FileNotFoundError(f"there is no folder {folder}. Give the photographs of an object.")
     listed = list_folder(folder)
     for ball in balls:
         if len(ball.names) != len(listed.names):

@@ -61,7 +61,7 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     light = np.where(inside, picture, 0.0)
     if not light.any():
         raise ValueError("the whole ball is black. Check the photograph and the mask.")
-    half, second = _brightest_piece(light)
+    half, second = brightest_piece(light)
     peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
     cleaned = without_streaks if largest_disc(half) >= MIN_DISC else lambda piece: piece
     highlights = [cleaned(_piece_about(light, level, peak)) for level in LEVELS]
@@ -93,7 +93,7 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     return Glint(point, direction, error, second)
 
 
-def _brightest_piece(light: Picture) -> tuple[np.ndarray, float]:
+def brightest_piece(light: Picture) -> tuple[np.ndarray, float]:
     """Return the region above half the brightest pixel that holds the most light, and the next one's light over its."""
     labels, count = ndimage.label(light >= 0.5 * light.max(), np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
     held = ndimage.sum_labels(light, labels, np.arange(1, count + 1))

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import minimize_scalar
 
-from ..core.robust_scale import GAUSS_95, MAD
+from ..core.robust_scale import GAUSS_95, MAD, jackknife_error
 from ..core.thresholds import FEW, SLIGHT, SMALL
 from ..texels.lights.response import GROUPS
 from ..texels.tiles import LEARNING_SAMPLE
@@ -96,8 +96,7 @@ def find_width(
     for group in range(GROUPS):
         others = np.arange(shown.shape[1]) % GROUPS != group
         without.append(_lowest(lambda width, others=others: misfit(width, others), found))
-    error = float(np.sqrt((GROUPS - 1) / GROUPS * np.sum((np.array(without) - np.mean(without)) ** 2)))
-    return Width(found, error, misfit(found, used), tried[0])
+    return Width(found, float(jackknife_error(np.array(without))), misfit(found, used), tried[0])
 
 
 def _misfit(shown: Samples, light: Float[np.ndarray, "texels photographs 3"]) -> float:

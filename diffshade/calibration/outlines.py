@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy import ndimage
 
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import CLEARLY, FEW, MINOR, MOST, SIDE, SMALL
@@ -29,6 +28,7 @@ from .edges import (
     share_on,
     shrunk,
 )
+from .highlights import brightest_piece
 
 JUDGED = 2 * SIDE  # pixels of the longer side of pictures in which circles are judged
 FARTHEST = MOST**0.5 + MINOR  # radii from the middle: highlights of lights in front are at sqrt(1/2) at most
@@ -128,9 +128,7 @@ def _highlight(photograph: Picture, circle: Circle) -> tuple[float, float]:
     bright = light >= 0.5 * light.max(initial=0.0)
     if not light.any() or bright.sum() > MINOR * inside.sum():
         return np.nan, np.nan
-    labels, count = ndimage.label(bright, np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
-    held = ndimage.sum_labels(light, labels, np.arange(1, count + 1))
-    rows, columns = np.nonzero(labels == 1 + np.argmax(held))
+    rows, columns = np.nonzero(brightest_piece(light)[0])
     return left + float(columns.mean()) + 0.5, top + float(rows.mean()) + 0.5
 
 

@@ -15,7 +15,8 @@ from ..core.words import count, listing
 from ..inverse.data.folder_lights import clear_folder, write_lights, write_photograph
 from ..inverse.data.views import View
 from ..inverse.result import Fit
-from ..io.files import replacing
+from ..io.arrays import write_array
+from ..io.files import write_file
 from ..io.images import write_image
 from ..io.scene_files import write_scene
 from ..model.cameras import AbstractCamera, OrthographicCamera
@@ -137,15 +138,13 @@ class Calibration:
         write_scene(folder / "scene.toml", self.scene, camera=self.camera)
         if isinstance(self.camera, OrthographicCamera):
             self._write_layout(folder)
-        with replacing(folder / "filenames.txt") as temporary:  # written last: its presence marks a complete folder
-            temporary.write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
+        # written last: its presence marks a complete folder
+        write_file(folder / "filenames.txt", "".join(f"{name}\n" for name in names))
 
     def _write_layout(self, folder: Path) -> None:
         """Write the lights and normals in DiLiGenT's layout."""
         intensities = np.ones_like(self.directions) if self.intensities is None else self.intensities
-        normals = self.normals
-        with replacing(folder / "normal_gt.npy") as temporary:
-            np.save(temporary, normals)
+        write_array(folder / "normal_gt.npy", self.normals)
         write_lights(folder, self.directions, intensities)
 
     def __str__(self) -> str:

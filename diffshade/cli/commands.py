@@ -15,10 +15,10 @@ from .lights import calibrate, find_lights, mask
 from .map_uses import relight
 from .maps import texels
 from .scenes import figures, new, render
-from .terminal import stops
+from .terminal import WithoutHelp, stops
 
 
-class InOrder(click.Group):
+class InOrder(WithoutHelp, click.Group):
     """Commands in the order of the workflow."""
 
     def make_context(self, *arguments: Any, **more: Any) -> click.Context:
@@ -31,12 +31,6 @@ class InOrder(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
-
-    def get_help_option(self, ctx: click.Context) -> click.Option | None:
-        option = super().get_help_option(ctx)
-        if option is not None:
-            option.hidden = True  # whoever reads it has typed it, and the commands fill a screen
-        return option
 
 
 # The example stands beside the first sentence, so that the help fits a screen; \b keeps their lines.

@@ -27,7 +27,7 @@ from .sources import (
     swap_lobe,
     with_options,
 )
-from .terminal import FILE, SETTINGS, Names, answer, with_json
+from .terminal import FILE, NAMES, SETTINGS, answer, with_json
 
 if TYPE_CHECKING:
     import diffshade as ds
@@ -59,7 +59,6 @@ def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None) -> None:
     written = [_put(path, found, source, typed.source) for path in out]
     files = ", ".join(map(str, out))
     doubt = f"- for each undetermined parameter, {files} holds one of many values that fit equally well."
-    doubt = doubt if out and not found.determined.all() else None
     answer(
         [
             source.encodings,
@@ -129,7 +128,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, title: 
 
 @click.command(**SETTINGS, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
 @with_options(*VIEWS, *MODEL, LIGHT_ERROR, INTENSITY_ERROR)
-@click.option("--model", type=Names(), default=("phong", "blinn"), help="Of phong,blinn,matte  [default: phong,blinn]")
+@click.option("--model", type=NAMES, default=("phong", "blinn"), help="Of phong,blinn,matte  [default: phong,blinn]")
 @with_json
 def compare(typed: Options, model: tuple[str, ...]) -> None:
     """Choose the model that predicts photographs best.
@@ -152,7 +151,7 @@ def compare(typed: Options, model: tuple[str, ...]) -> None:
 
 @click.command(**SETTINGS, epilog="Example: diffshade plan ball.toml 0.png 1.png --aim n_s --lights lamps.toml")
 @with_options(*VIEWS, *MODEL, LIGHT_ERROR, INTENSITY_ERROR, LOBE)
-@click.option("--aim", type=Names(), default=(), help="Parameters to improve  [default: all]")
+@click.option("--aim", type=NAMES, default=(), help="Parameters to improve  [default: all]")
 @click.option("--lights", type=FILE, help="Scene with candidate lights  [default: a dome]")
 @with_json
 def plan(typed: Options, aim: tuple[str, ...], lights: Path | None) -> None:

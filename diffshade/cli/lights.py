@@ -11,7 +11,7 @@ import click
 
 from ..core.words import with_names
 from .sources import ENCODING, EXIF, INTENSITY_ERROR, LIGHT_ERROR, Encodings, by_name
-from .terminal import FILE, FOLDER, SETTINGS, Circle, OneOf, answer, with_json
+from .terminal import CIRCLE, FILE, FOLDER, SETTINGS, OneOf, answer, with_json
 
 if TYPE_CHECKING:
     from ..calibration.applying import AppliedLights
@@ -26,7 +26,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.argument("photos", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--ball", type=OneOf(BALLS), required=True, help="mirror, matte or glossy")
 @click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: the folder's, or found]")
-@click.option("--circle", type=Circle(), multiple=True, metavar="X,Y,R", help="Or its column, row and radius, pixels")
+@click.option("--circle", type=CIRCLE, multiple=True, metavar="X,Y,R", help="Or its column, row and radius, pixels")
 @ENCODING
 @EXIF
 @click.option("--camera", type=FILE, help="Scene with the [camera]  [default: far away]")
@@ -183,8 +183,6 @@ def find_lights(
     from ..calibration.result import check_folder
     from ..inverse.data.photographs import read_folder
 
-    if not photos.is_dir():
-        raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
     if out is not None and out.resolve() == photos.resolve():
         raise ValueError(f"-o {out} is the folder of the photographs. Give the name of a new folder.")
     if out is not None:
@@ -250,12 +248,11 @@ def mask(photos: Path, out: Path | None) -> None:
     from ..report.mask_picture import draw_mask
 
     check_extra("photographs", "cannot find a mask", "cv2", "matplotlib")
-    if not photos.is_dir():
-        raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
+    files = list_folder(photos).files
     out = photos / "mask.png" if out is None else out
     if out.exists():
         raise FileExistsError(f"{out} exists already. Remove it, or give another file with -o.")
-    photographs = photograph_files(list_folder(photos).files, srgb=None)
+    photographs = photograph_files(files, srgb=None)
     for note in photographs.notes:
         _LOGGER.warning("%s: %s", photos, note)
     found = find_mask(photographs.images())

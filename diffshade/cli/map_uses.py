@@ -9,38 +9,12 @@ from typing import Any
 import click
 
 from .maps import divided
-from .pictures import EXPOSURE, check_picture, put_picture
+from .pictures import EXPOSED, check_picture, put_picture
 from .sources import Options
-from .terminal import FILE, FOLDER, SETTINGS, Exposure, answer, with_json
+from .terminal import EXPOSURE, FILE, FOLDER, SETTINGS, TOWARD_LIGHT, answer, with_json
 
 # options that maps do not use
 OF_FITS = ("free", "tied", "grey", "bounds", "loss", "noise", "light_error", "intensity_error", "lobe")
-
-
-class TowardLight(click.ParamType):
-    """The direction toward a light, and its intensity."""
-
-    name = "x,y,z=intensity"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        if isinstance(value, tuple):
-            return value
-        words, equals, intensity = value.partition("=")
-        try:
-            toward = tuple(float(word) for word in words.split(","))
-            colour = tuple(float(word) for word in intensity.split(",")) if equals else (1.0,)
-        except ValueError:
-            toward, colour = (), ()
-        if len(toward) != 3 or len(colour) not in (1, 3):
-            self.fail(
-                f"a light must have the form X,Y,Z or X,Y,Z=INTENSITY, X,Y,Z toward it; got '{value}'. Give for "
-                "example 1,1,2 or -1,0,1=0.5.",
-                param,
-                ctx,
-            )
-        return toward, colour
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade relight maps --light 1,1,2 --light=-1,0,1=0.5 -o lit.png")
@@ -48,13 +22,13 @@ class TowardLight(click.ParamType):
 @click.option(
     "--light",
     "toward",
-    type=TowardLight(),
+    type=TOWARD_LIGHT,
     multiple=True,
     help="Direction toward a light at infinity; may be repeated",
 )
 @click.option("--lights", type=FILE, help="Scene (.toml) whose lights are on")
 @click.option("-o", "--out", type=FILE, required=True, help=".png .jpg .tif .exr .npy .tga")
-@click.option("--exposure", type=Exposure(), default=1.0, metavar="X|auto", help=EXPOSURE)
+@click.option("--exposure", type=EXPOSURE, default=1.0, metavar="X|auto", help=EXPOSED)
 @click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
 @with_json
 def relight(

@@ -12,7 +12,7 @@ import click
 from ..core.thresholds import MOST
 from ..core.words import with_names
 from .sources import LIGHT_ERROR, LOSSES, ROOM, VIEWS, Options, Source, by_name, with_options
-from .terminal import SETTINGS, Names, OneOf, answer, with_json
+from .terminal import NAMES, SETTINGS, OneOf, answer, with_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,7 +41,7 @@ BANDS = "bands.html"  # the page of the bands, in the folder of the maps
     metavar="FOLDER",
     help="Results; an interrupted run resumes  [default: maps]",
 )
-@click.option("--free", type=Names(), default=(), help="Maps; gamma  [default: k_d,k_s,n_s, maybe normal]")
+@click.option("--free", type=NAMES, default=(), help="Maps; gamma  [default: k_d,k_s,n_s, maybe normal]")
 @click.option("--loss", type=OneOf(LOSSES), help="squares, huber, cauchy, geman-mcclure  [by trial]")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
 @click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")

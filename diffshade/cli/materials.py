@@ -158,13 +158,11 @@ def put_material(path: Path, material: ds.Material, *, name: str = "", about: st
     """Write a material for another program, or (.toml) on a ball in a scene, depending on the suffix."""
     import diffshade as ds
 
-    from ..io.files import replacing
+    from ..io.files import write_file
 
     if path.suffix.lower() != ".toml":
         return ds.exchange.write_material(path, material, name=name or word_of(path))
-    text = starter(path, material, about or f"a ball of {word_of(path)}.")
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_file(path, starter(path, material, about or f"a ball of {word_of(path)}."))
     return path
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 
-EXPOSURE = "Factor from radiance to picture; auto: so that the brightest are white  [default: 1]"
+EXPOSED = "Factor from radiance to picture; auto: so that the brightest are white  [default: 1]"
 
 
 def check_picture(out: Path, exposure: float | str, bits: int | None = None) -> None:

@@ -10,8 +10,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from .materials import find_material, put_material
-from .pictures import EXPOSURE, check_holds_bands, check_picture, put_picture
-from .terminal import FILE, FOLDER, SETTINGS, Exposure, Names, OneOf, Size, answer, completions, with_json
+from .pictures import EXPOSED, check_holds_bands, check_picture, put_picture
+from .terminal import EXPOSURE, FILE, FOLDER, NAMES, SETTINGS, SIZE, OneOf, answer, completions, with_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,10 +65,10 @@ def new(scene: Path, material: str | None, force: bool) -> None:
 @click.argument("scene", type=FILE)
 @click.option("--material", metavar="NAME|FILE", shell_complete=_named_materials, help="Of a mesh  [default: its own]")
 @click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
-@click.option("--size", type=Size(), metavar="WxH", help="In pixels  [default: the camera's shape]")
-@click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
+@click.option("--size", type=SIZE, metavar="WxH", help="In pixels  [default: the camera's shape]")
+@click.option("--lit", type=NAMES, metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
 @click.option("--samples", type=click.IntRange(1), default=4, metavar="N", help="N x N rays a pixel  [default: 4]")
-@click.option("--exposure", type=Exposure(), default=1.0, metavar="X|auto", help=EXPOSURE)
+@click.option("--exposure", type=EXPOSURE, default=1.0, metavar="X|auto", help=EXPOSED)
 @click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
 @click.option("--bits", type=int, help="Bits per sample  [default: 8 in .png, 32 in .exr]")
 @with_json
@@ -153,7 +153,7 @@ def _index(word: str) -> int:
 
 @click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")
 @click.argument("folder", type=FOLDER)
-@click.option("--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]")
+@click.option("--only", type=NAMES, metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]")
 @click.option("--suffix", type=OneOf((".png", ".svg", ".pdf")), default=".png", help=".png .svg .pdf  [default: .png]")
 @click.option("--dark", is_flag=True, help="Light words on a dark page")
 @click.option("--scale", type=int, default=1, help="Pixels for each, across, 1 to 4: 2 for a projector  [default: 1]")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.words import with_names
-from .terminal import FILE, Bounds, LightsOn, Names, OneOf
+from .terminal import BOUNDS, FILE, LIGHTS_ON, NAMES, OneOf
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,16 +35,16 @@ SOURCE = (
 ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by the file]")
 EXIF = click.option("--no-exif", is_flag=True, help="Ignore the exposures that a folder's files state")
 VIEWS = (
-    click.option("--lit", type=LightsOn(), help="each (default: one per photo), all, or 0,1,0+1"),
+    click.option("--lit", type=LIGHTS_ON, help="each (default: one per photo), all, or 0,1,0+1"),
     click.option("--mask", type=FILE, help="Pixels to use  [default: mask.png, or the object]"),
     ENCODING,
     EXIF,
 )
 MODEL = (
-    click.option("--free", type=Names(), default=FREE, help="Parameters to fit  [default: k_a,k_d,k_s,n_s]"),
-    click.option("--tied", type=Names(), default=(), help="Parameters that all lamps share, as attenuation"),
-    click.option("--grey", type=Names(), default=(), help="Colours to keep grey, such as k_s"),
-    click.option("--bounds", type=Bounds(), multiple=True, help="Range of a parameter; may be repeated"),
+    click.option("--free", type=NAMES, default=FREE, help="Parameters to fit  [default: k_a,k_d,k_s,n_s]"),
+    click.option("--tied", type=NAMES, default=(), help="Parameters that all lamps share, as attenuation"),
+    click.option("--grey", type=NAMES, default=(), help="Colours to keep grey, such as k_s"),
+    click.option("--bounds", type=BOUNDS, multiple=True, help="Range of a parameter; may be repeated"),
     click.option(
         "--loss", type=OneOf(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure"
     ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +30,18 @@ def stops() -> Iterator[None]:
         raise Stopped from None
 
 
-class Command(click.Command):
-    """A command whose help leaves a screen's lines to its options: -h is not listed among them."""
+class WithoutHelp(click.Command):
+    """A command whose help does not list -h, which whoever reads it has typed: a screen's lines are for the rest."""
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
         option = super().get_help_option(ctx)
         if option is not None:
             option.hidden = True
         return option
+
+
+class Command(WithoutHelp):
+    """A command whose help fits a screen."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         formatter.write(f"\n  {self.epilog}\n" if self.epilog else "")
@@ -52,18 +56,80 @@ class Command(click.Command):
 SETTINGS: Any = {"cls": Command, "context_settings": {"help_option_names": ["-h", "--help"]}}
 
 
-class Names(click.ParamType):
-    """Names separated by commas."""
+class Typed(click.ParamType):
+    """What a function reads from a word, which raises ValueError for a wrong one; `wrong` then says what is right.
 
-    name = "names"
+    A value that is no word, such as a default, stays what it is.
+    """
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        if isinstance(value, tuple):
-            return value
-        names = tuple(word for part in value.split(",") if (word := part.strip()))
-        return names or self.fail(
-            f"names must be separated by commas; got '{value}'. Give for example k_d,n_s.", param, ctx
-        )
+    def __init__(self, name: str, read: Callable[[str], Any], wrong: str, example: str):
+        self.name, self.read, self.wrong, self.example = name, read, wrong, example
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            return self.read(value) if isinstance(value, str) else value
+        except ValueError:
+            self.fail(f"{self.wrong}; got '{value}'. Give {self.example}.", param, ctx)
+
+
+def _names(word: str) -> tuple[str, ...]:
+    if not (names := tuple(name for part in word.split(",") if (name := part.strip()))):
+        raise ValueError
+    return names
+
+
+def _bounds(word: str) -> tuple[str, list[float]]:
+    name, _, ends = word.partition("=")
+    low, high = (float(end) for end in ends.split(":"))
+    return name.strip(), [low, high]
+
+
+def _lights_on(word: str) -> Any:
+    if word in ("each", "all"):
+        return word
+    return tuple(tuple(int(light) for light in one.split("+")) for one in word.split(","))
+
+
+def _circle(word: str) -> tuple[float, ...]:
+    column, row, radius = (float(number) for number in word.split(","))
+    return column, row, radius
+
+
+def _size(word: str) -> tuple[int, int]:
+    width, height = (int(number) for number in word.lower().split("x"))
+    if width < 1 or height < 1:
+        raise ValueError
+    return width, height
+
+
+def _toward_light(word: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    place, equals, intensity = word.partition("=")
+    toward = tuple(float(number) for number in place.split(","))
+    colour = tuple(float(number) for number in intensity.split(",")) if equals else (1.0,)
+    if len(toward) != 3 or len(colour) not in (1, 3):
+        raise ValueError
+    return toward, colour
+
+
+NAMES = Typed("names", _names, "names must be separated by commas", "for example k_d,n_s")
+BOUNDS = Typed("name=low:high", _bounds, "bounds must have the form NAME=LOW:HIGH", "for example k_s=0:1")
+LIGHTS_ON = Typed(
+    "lights", _lights_on, "lights must be each, all, or indices for each photograph", "for example 0,1,0+1"
+)
+CIRCLE = Typed("x,y,r", _circle, "a circle is column, row and radius, pixels", "for example 320,240,100")
+EXPOSURE = Typed(
+    "x|auto",
+    lambda word: word if word == "auto" else float(word),
+    "an exposure is a number or auto",
+    "1 for unscaled radiance",
+)
+SIZE = Typed("WxH", _size, "a size must have the form WIDTHxHEIGHT in pixels", "for example 640x480")
+TOWARD_LIGHT = Typed(
+    "x,y,z=intensity",
+    _toward_light,
+    "a light must have the form X,Y,Z or X,Y,Z=INTENSITY, X,Y,Z toward it",
+    "for example 1,1,2 or -1,0,1=0.5",
+)
 
 
 class OneOf(click.ParamType):
@@ -83,90 +149,6 @@ class OneOf(click.ParamType):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         return completions(self.words, incomplete)
-
-
-class Bounds(click.ParamType):
-    """A name and its bounds."""
-
-    name = "name=low:high"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, list[float]]:
-        if isinstance(value, tuple):
-            return value
-        name, _, ends = value.partition("=")
-        try:
-            low, high = (float(end) for end in ends.split(":"))
-        except ValueError:
-            self.fail(f"bounds must have the form NAME=LOW:HIGH; got '{value}'. Give for example k_s=0:1.", param, ctx)
-        return name.strip(), [low, high]
-
-
-class LightsOn(click.ParamType):
-    """The lights that were on: a word, or the lights of each photograph."""
-
-    name = "lights"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value in ("each", "all") or not isinstance(value, str):
-            return value
-        try:
-            return tuple(tuple(int(light) for light in one.split("+")) for one in value.split(","))
-        except ValueError:
-            self.fail(
-                f"lights must be each, all, or indices for each photograph; got '{value}'. Give for example 0,1,0+1.",
-                param,
-                ctx,
-            )
-
-
-class Circle(click.ParamType):
-    """Column, row and radius of a circle."""
-
-    name = "x,y,r"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
-        if isinstance(value, tuple):
-            return value
-        try:
-            column, row, radius = (float(number) for number in value.split(","))
-        except ValueError:
-            self.fail(
-                f"a circle is column, row and radius, pixels; got '{value}'. Give for example 320,240,100.", param, ctx
-            )
-        return column, row, radius
-
-
-class Exposure(click.ParamType):
-    """A factor, or auto."""
-
-    name = "x|auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
-        try:
-            return value if value == "auto" else float(value)
-        except ValueError:
-            self.fail(f"an exposure is a number or auto; got '{value}'. Give 1 for unscaled radiance.", param, ctx)
-
-
-class Size(click.ParamType):
-    """Width and height of a picture."""
-
-    name = "WxH"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        if isinstance(value, tuple):
-            return value
-        try:
-            width, height = (int(number) for number in value.lower().split("x"))
-        except ValueError:
-            width, height = 0, 0
-        if width < 1 or height < 1:
-            self.fail(
-                f"a size must have the form WIDTHxHEIGHT in pixels; got '{value}'. Give for example 640x480.",
-                param,
-                ctx,
-            )
-        return width, height
 
 
 def completions(words: Iterable[str], incomplete: str) -> list[CompletionItem]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 
 MAX_NAMED = 3  # things that a message names; of more it gives the number
 MAX_LETTERS = 60  # of a name
@@ -43,6 +45,22 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
     near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
     short = ", ".join(option for option in options if "." not in option[1:] and "*" not in option)
     return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {short}."
+
+
+@contextlib.contextmanager
+def errors_at(where: str) -> Iterator[None]:
+    """Let an error begin with where it is, unless it does already: what is made of a file's values does not know it."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        said = str(error)
+        raise ValueError(said if said.startswith(where) else f"{where}: {said}") from None
+
+
+def unused(name: str, taken: Container[str]) -> str:
+    """Return a name that is not taken: with a number after it if need be."""
+    numbered = (f"{name}_{i}" for i in itertools.count(2))
+    return next(of for of in itertools.chain([name], numbered) if of not in taken)
 
 
 def listing(names: Sequence[str]) -> str:

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from ..core.fields import Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
+from ..core.words import errors_at
 from ..inverse.data.recording import photograph
 from ..inverse.data.samples import find_samples
 from ..inverse.data.view_sets import ViewSet
@@ -79,11 +80,9 @@ def information_of_shot(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]
     """
     moving = moves_surface(fit.unknowns)
     scene, unknowns, view = place_shot(fit, shot, name, moving=moving)
-    try:
+    with errors_at(name):
         view = dataclasses.replace(view, image=photograph(scene, view))
         samples = find_samples(scene, view, moving=moving)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
     measured = ~samples.ends().any(-1)
     if not measured.any():
         return np.zeros((len(unknowns),) * 2), 1.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..core.words import listing
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.gltf_files import uri_of
 from ..io.image_formats import encode
 from .base_colours import CLAMP, MIRROR, REPEAT, STARTS, BaseColour, ColourPicture
@@ -24,17 +24,12 @@ GLTF_WRAPS = {REPEAT: 10497, CLAMP: 33071, MIRROR: 33648}  # as OpenGL numbers t
 THREE_WRAPS = {REPEAT: 1000, CLAMP: 1001, MIRROR: 1002}
 
 
-class Carried(NamedTuple):
-    """The base colours of a file's materials as another file names them."""
-
-    bases: dict[str, BaseColour]
-    copies: dict[Path, bytes]
-    """The pictures that are to be written beside the new file."""
-    notes: tuple[str, ...]
-
-
-def carried(bases: Mapping[str, BaseColour], path: Path) -> Carried:
+def carried(
+    bases: Mapping[str, BaseColour], path: Path
+) -> tuple[dict[str, BaseColour], dict[Path, bytes], tuple[str, ...]]:
     """Return base colours with the names that their pictures have in a file at another path.
+
+    And the pictures that are to be written beside that file, and notes.
 
     A name stays where it leads to the same picture from there. Else the picture is packed where it was packed and the
     format packs, or lies beside the new file; as PNG where not all programs show it as it is.
@@ -58,7 +53,7 @@ def carried(bases: Mapping[str, BaseColour], path: Path) -> Carried:
         if note:
             notes.setdefault(note, []).append(name)
         found[name] = base._replace(picture=picture and picture._replace(source=path, uri=uri))
-    return Carried(found, copies, tuple(f"{listing(of)}: {note}" for note, of in notes.items()))
+    return found, copies, tuple(f"{listing(of)}: {note}" for note, of in notes.items())
 
 
 def _name(picture: ColourPicture, path: Path, word: str, copies: dict[Path, bytes]) -> tuple[str, str]:
@@ -105,8 +100,7 @@ def write_copies(copies: Mapping[Path, bytes]) -> None:
     """Write the pictures beside a file, each of them whole; one that is there already stays."""
     for path, data in copies.items():
         if not (path.is_file() and path.read_bytes() == data):
-            with replacing(path) as temporary:
-                temporary.write_bytes(data)
+            write_file(path, data)
 
 
 def notes_on_base(

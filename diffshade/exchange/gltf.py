@@ -20,15 +20,14 @@ from ..core.fields import in_short
 from ..core.thresholds import SINGLE, TINY
 from ..io.gltf_files import base_texture, material_names, name_of
 from ..io.parsing import short
-from ..model.lobes import Phong
 from ..model.materials import INDEX, Material
 from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture, place_of
 from .carried_pictures import into_gltf, notes_on_base
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
 from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, metal_of, surface_of, what_of
-from .readings import Reading, as_number, as_numbers, as_table, load_json
-from .reference import differences, radiance, reference_of
+from .readings import Reading, as_number, as_numbers, as_table, first_of, load_json
+from .reference import as_blinn, differences, radiance, reference_of
 
 PREFIX = "KHR_materials_"
 # The extensions that are read, with their keys; and the keys of a material and of its metallic-roughness table.
@@ -54,8 +53,8 @@ def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
         return MetallicRoughness(ROUGHNESS[1], np.asarray(material.k_d), np.zeros(3), 0.0), 0.0, 0.0
     points = reference_of(material)
     target = radiance(material, points)
-    blinn = np.min(material.n_s) * (4.0 if isinstance(material.lobe, Phong) else 1.0)
-    alpha = np.sqrt(2.0 / (blinn + 2.0))  # D and Blinn's lobe then have the same curvature at the peak
+    # D and Blinn's lobe then have the same curvature at the peak
+    alpha = np.sqrt(2.0 / (as_blinn(material.n_s, material.lobe) + 2.0))
     head_on = np.clip(4.0 * alpha**2 * np.asarray(material.k_s), 1e-4, 0.9)
     start = [np.log(np.clip(np.sqrt(alpha), 0.05, 0.99)), *np.clip(np.asarray(material.k_d), 1e-3, 0.99), *head_on]
 
@@ -288,13 +287,13 @@ def _note_the_rest(
             reading.note(name, f"the extension {short(key)} is not read.")
     known = [(row, ROW), (pbr, PBR), *((table, READ[key]) for key, table in read.items())]
     unknown = [
-        short(key)
+        key
         for table, keys in known
         for key in table
         if key not in (*keys, "extensions", "extras") and not key.endswith("Texture")
     ]
     if unknown:
-        reading.note(name, f"unknown keys are not read: {', '.join(unknown[:8])}{' and more' * (len(unknown) > 8)}.")
+        reading.note(name, f"unknown keys are not read: {first_of(unknown)}.")
 
 
 def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:

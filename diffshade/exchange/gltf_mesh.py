@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import struct
-from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +16,32 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.thresholds import UNCLIPPED_PERCENT
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.gltf_files import uri_of
 from ..io.image_formats import encode
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
 from .gltf import fitted
-from .map_textures import GREY, MapSurface, Textures, difference, highlights_of, stored
+from .map_textures import (
+    GREY,
+    MapSurface,
+    Textures,
+    attributes_of,
+    difference,
+    highlights_of,
+    stored,
+    write_pictures,
+)
 from .metallic_roughness import F0, ggx, kept
 from .reference import EDGE, Reference
 
 ROUGHNESSES = 64  # for which multiple scattering is computed, where each texel has its own
-
-
-class GltfCode(IntEnum):
-    """What glTF writes for types of numbers and uses of buffers (section 5 of its specification)."""
-
-    UNSIGNED = 5125
-    FLOAT = 5126
-    ARRAY = 34962
-    ELEMENTS = 34963
-
-
-UNSIGNED, FLOAT, ARRAY, ELEMENTS = GltfCode
+ATTRIBUTES = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_0", "_HEIGHT_ERROR")
+# What glTF writes for numbers of a kind, and for their use: floats are attributes, unsigned ones indices (section 5).
+COMPONENTS = {"f": 5126, "u": 5125}
+TARGETS = {"f": 34962, "u": 34963}
+KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
 def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
@@ -108,7 +109,7 @@ def reflected(
     head_on: Float[np.ndarray, "h w 3"],
     roughness: Float[np.ndarray, "h w"],
 ) -> Float[np.ndarray, "h w 3"]:
-    """Return the radiance under a light of pi in the direction l, as `gltf.Surface` does, for textures."""
+    """Return the radiance of textures under a light of pi in the direction l, as `MetallicRoughness.reflected` does."""
     n = normal.reshape(-1, 3)
     points = Reference(np.where(n[:, 2:] > EDGE, n, [0.0, 0.0, 1.0]), np.broadcast_to(l, n.shape))
     seen = points.n_l > EDGE
@@ -129,39 +130,41 @@ def reflected(
 def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:
     """Write a .glb, which contains all, or a .gltf with .bin and pictures beside it; return the paths."""
     pictures = {} if found is None else found.pictures
-    arrays = [
-        ("POSITION", mesh.corner, "VEC3", FLOAT, ARRAY),
-        ("NORMAL", mesh.normal, "VEC3", FLOAT, ARRAY),
-        ("TANGENT", np.concatenate([mesh.tangent, np.ones((len(mesh.corner), 1))], -1), "VEC4", FLOAT, ARRAY),
-        ("TEXCOORD_0", mesh.uv, "VEC2", FLOAT, ARRAY),
-        ("_HEIGHT_ERROR", np.where(np.isfinite(mesh.errors), mesh.errors, -1.0)[:, None], "SCALAR", FLOAT, ARRAY),
-        ("indices", mesh.face.reshape(-1, 1), "SCALAR", UNSIGNED, ELEMENTS),
+    packed, binary, views = path.suffix.lower() == ".glb", bytearray(), []
+
+    def add(data: bytes, **more: int) -> int:
+        """Add bytes to the buffer, and return the number of their view."""
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data), **more})
+        binary.extend(data + bytes(-len(data) % 4))
+        return len(views) - 1
+
+    arrays = [of.astype("<f4") for of in attributes_of(mesh).values()] + [mesh.face.reshape(-1, 1).astype("<u4")]
+    accessors = [
+        {
+            "bufferView": add(of.tobytes(), target=TARGETS[of.dtype.kind]),
+            "componentType": COMPONENTS[of.dtype.kind],
+            "count": len(of),
+            "type": KINDS[of.shape[1]],
+        }
+        for of in arrays
     ]
-    binary, views, accessors = b"", [], []
-    for name, array, kind, component, target in arrays:
-        numbers = np.ascontiguousarray(array, np.float32 if component == FLOAT else np.uint32)
-        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": numbers.nbytes, "target": target})
-        accessor = {"bufferView": len(views) - 1, "componentType": component, "count": len(numbers), "type": kind}
-        if name == "POSITION":  # which the format demands
-            accessor |= {"min": numbers.min(0).tolist(), "max": numbers.max(0).tolist()}
-        accessors.append(accessor)
-        binary += numbers.tobytes()
-    packed, images, written = path.suffix.lower() == ".glb", [], []
-    files = {name: encode(".png", picture) for name, picture in pictures.items()}
-    for name, data in files.items():
-        if packed:
-            views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data)})
-            images.append({"name": name, "mimeType": "image/png", "bufferView": len(views) - 1})
-            binary += data + bytes(-len(data) % 4)
-        else:
-            images.append({"name": name, "uri": uri_of(f"{path.stem}_{name}.png")})
-    attributes = {name: i for i, (name, *_) in enumerate(arrays[:-1])}
+    accessors[0] |= {"min": arrays[0].min(0).tolist(), "max": arrays[0].max(0).tolist()}  # which the format demands
+    if packed:
+        parts = {name: add(encode(".png", picture)) for name, picture in pictures.items()}
+        images = [{"name": name, "mimeType": "image/png", "bufferView": view} for name, view in parts.items()]
+        written = []
+    else:
+        names = write_pictures(path, pictures)
+        images = [{"name": name, "uri": uri_of(file)} for name, file in names.items()]
+        written = [path.with_name(file) for file in (f"{path.stem}.bin", *names.values())]
+        write_file(written[0], bytes(binary))
+    attributes = {name: i for i, name in enumerate(ATTRIBUTES)}
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": notes}},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": len(arrays) - 1, "material": 0}]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": len(attributes), "material": 0}]}],
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": len(binary)}],
@@ -179,13 +182,7 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
         }
     if not packed:
         document["buffers"][0]["uri"] = uri_of(f"{path.stem}.bin")
-        beside = {f"{path.stem}.bin": binary} | {f"{path.stem}_{name}.png": data for name, data in files.items()}
-        for name, data in beside.items():
-            written.append(path.with_name(name))
-            with replacing(written[-1]) as temporary:
-                temporary.write_bytes(data)
-    with replacing(path) as temporary:
-        temporary.write_bytes(_glb(document, binary) if packed else json.dumps(document, indent=1).encode())
+    write_file(path, _glb(document, bytes(binary)) if packed else json.dumps(document, indent=1))
     return [*written, path]
 
 

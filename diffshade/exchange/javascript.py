@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
-from ..io.parsing import NUMBER, number, short
+from ..io.parsing import NUMBER, number, short, without_long_comments
 
 _NEW = re.compile(r"(?:\b([\w$]{1,80})\s{0,9}[=:]\s{0,9})?\bnew\s{1,9}(?:THREE\.)?(\w{1,40}Material)\s{0,9}\(\s{0,9}")
 _KEY = re.compile(r"\s*[\"']?([\w$]{1,80})[\"']?\s*:")
 _HEX = re.compile(r"0[xX][0-9a-fA-F]{1,8}", re.ASCII)
 _COLOUR = re.compile(r"(?:new\s+)?(?:THREE\.)?Color\(([^()]*)\)(?:\s*\.\s*(setRGB|setHex|set)\(([^()]*)\))?", re.ASCII)
-_CLOSING = {"{": "}", "[": "]", "(": ")"}
 
 
 class Expression(str):
     """Code that is no number, word or colour written out."""
 
 
-class Created(NamedTuple):
-    """A material that code creates: the variable it is assigned to, its class, and its settings."""
-
-    variable: str
-    kind: str
-    settings: dict[str, Any]
-
-
-def created(text: str, where: str) -> list[Created]:
-    """Return the materials that code creates, in their order.
+def created(text: str, where: str) -> list[tuple[str, str, dict[str, Any]]]:
+    """Return the materials that code creates, in their order: the variable of each, its class, and its settings.
 
     A value is a number, a word, true or false, a list of three linear numbers (`new THREE.Color().setRGB(r, g, b)`),
     or an `Expression`.
@@ -41,53 +34,43 @@ def created(text: str, where: str) -> list[Created]:
             end = _end_of(text, at, where)
             settings = {key: _value(value, f"{where}: {key}") for key, value in _pairs(text[at + 1 : end])}
             at = end
-        found.append(Created(match.group(1) or "", match.group(2), settings))
+        found.append((match.group(1) or "", match.group(2), settings))
     return found
 
 
 def without_comments(text: str) -> str:
     """Return code without its comments; words in quotes may hold no //, but addresses as in http://."""
-    first, *comments = text.split("/*")  # a regular expression would take quadratic time
-    text = " ".join([first, *(comment.partition("*/")[2] for comment in comments)])
-    return re.sub(r"(?<!:)//[^\n]*", " ", text)
+    return re.sub(r"(?<!:)//[^\n]*", " ", without_long_comments(text))
 
 
-def _end_of(text: str, start: int, where: str) -> int:
-    """Return where the bracket that opens at `start` is closed."""
-    open_, quote = [], ""
+def _outside_quotes(text: str, start: int = 0) -> Iterator[tuple[int, str, int]]:
+    """Yield each character outside words in quotes: its place, itself, and how many brackets are open after it."""
+    depth, quote = 0, ""
     for i in range(start, len(text)):
         c = text[i]
         if quote:
             quote = "" if c == quote and text[i - 1] != "\\" else quote
         elif c in "\"'`":
             quote = c
-        elif c in _CLOSING:
-            open_.append(_CLOSING[c])
-        elif open_ and c == open_[-1]:
-            open_.pop()
-            if not open_:
-                return i
-    raise ValueError(f"{where} ends within the settings of a material. Give the whole file.")
+        else:
+            depth += (c in "([{") - (c in ")]}")
+            yield i, c, depth
+
+
+def _end_of(text: str, start: int, where: str) -> int:
+    """Return where the bracket that opens at `start` is closed."""
+    end = next((i for i, _, depth in _outside_quotes(text, start) if depth == 0), None)
+    if end is None:
+        raise ValueError(f"{where} ends within the settings of a material. Give the whole file.")
+    return end
 
 
 def _pairs(body: str) -> list[tuple[str, str]]:
     """Return the keys and values of an object literal's inside."""
-    parts, start, depth, quote = [], 0, 0, ""
-    for i, c in enumerate(body):
-        if quote:
-            quote = "" if c == quote and body[i - 1] != "\\" else quote
-        elif c in "\"'`":
-            quote = c
-        elif c in "([{":
-            depth += 1
-        elif c in ")]}":
-            depth -= 1
-        elif c == "," and depth == 0:
-            parts.append(body[start:i])
-            start = i + 1
-    parts.append(body[start:])
+    commas = [i for i, c, depth in _outside_quotes(body) if c == "," and depth == 0]
     found = []
-    for part in parts:
+    for start, end in itertools.pairwise([-1, *commas, len(body)]):
+        part = body[start + 1 : end]
         if key := _KEY.match(part):
             found.append((key.group(1), part[key.end() :].strip()))
         elif part.strip():

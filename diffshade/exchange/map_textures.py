@@ -7,7 +7,8 @@ measured by computing the other program's picture, from the textures as they are
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,12 +16,12 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..core.thresholds import UNCLIPPED_PERCENT
 from ..io.encodings import srgb_decode, srgb_encode
+from ..io.files import write_file
+from ..io.image_formats import encode
 from ..io.triangles import Triangles, first_hits
-from ..model.gbuffers import GBuffer
 from ..model.lights import DirectionalLight
 from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight, Material
-from ..model.surfaces import AbstractSurface
 from ..texels.heights.differences import rays_of
 from ..texels.heights.mesh import HeightMesh, camera_axes
 from ..texels.maps import TexelMaps
@@ -71,7 +72,7 @@ def surface_of(maps: TexelMaps, mesh: HeightMesh) -> MapSurface:
     """Return what maps show at each pixel of a mesh; outside the object, what its nearest pixel shows."""
     from scipy.ndimage import distance_transform_edt
 
-    item = maps.scene.objects[0]
+    item: Any = maps.scene.objects[0]
     inside = maps.status != OUTSIDE
     near = tuple(np.asarray(distance_transform_edt(~inside, return_distances=False, return_indices=True)))
     shape = inside.shape
@@ -81,17 +82,12 @@ def surface_of(maps: TexelMaps, mesh: HeightMesh) -> MapSurface:
         return np.broadcast_to(np.asarray(value, np.float64), (*shape, 3))[near]
 
     axes = np.stack(camera_axes(maps.camera))
-    normal = maps.values["normal"] if "normal" in maps.values else _surface_normals(item.surface)
+    free = maps.values.get("normal")
+    normal = item.surface.normal if free is None else free  # of a G-buffer, where it was known
     frame = np.stack(_frames(mesh, inside.shape), -2)[near] @ axes.T
     k_e = np.broadcast_to(np.asarray(item.material.k_e, np.float64), (3,))
     normal = (np.asarray(normal, np.float64) @ axes.T)[near]
     return MapSurface(inside, coefficient("k_d"), coefficient("k_s"), k_e, normal, frame)
-
-
-def _surface_normals(surface: AbstractSurface) -> Float[np.ndarray, "h w 3"]:
-    """Return the normals of a surface that was known."""
-    assert isinstance(surface, GBuffer)
-    return np.asarray(surface.normal)
 
 
 def _frames(mesh: HeightMesh, shape: tuple[int, int]) -> tuple[Float[np.ndarray, "h w 3"], ...]:
@@ -203,6 +199,30 @@ class Difference(NamedTuple):
             f"under three lights of intensity 1 the radiance differs from that of the maps by {self.rms:.2g} (rms) and "
             f"{self.largest:.2g} (at most), where it is {self.radiance:.2g} (rms).{beyond}"
         )
+
+
+def attributes_of(mesh: HeightMesh) -> dict[str, Float[np.ndarray, "n size"]]:
+    """Return what a file holds of each corner of a mesh; the error of a height is -1 where it is infinite."""
+    return {
+        "position": mesh.corner,
+        "normal": mesh.normal,
+        "tangent": np.concatenate([mesh.tangent, np.ones((len(mesh.corner), 1))], -1),
+        "uv": mesh.uv,
+        "height_error": np.where(np.isfinite(mesh.errors), mesh.errors, -1.0)[:, None],
+    }
+
+
+def uv_from_below(mesh: HeightMesh) -> Float[np.ndarray, "n 2"]:
+    """Return the place of each corner in the image with v up."""
+    return np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1)
+
+
+def write_pictures(path: Path, pictures: Mapping[str, UInt8[np.ndarray, "h w c"]]) -> dict[str, str]:
+    """Write pictures as PNG beside the file of a mesh, and return what they are named there."""
+    names = {name: f"{path.stem}_{name}.png" for name in pictures}
+    for name, picture in pictures.items():
+        write_file(path.with_name(names[name]), encode(".png", picture))
+    return names
 
 
 def difference(

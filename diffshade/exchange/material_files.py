@@ -10,7 +10,7 @@ from typing import Any
 
 from ..core.fields import check_kind, in_short
 from ..core.words import did_you_mean, listing
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.parsing import read_glb, read_text, short
 from ..io.scene_files import read_scene
 from ..model.bands import check_rgb
@@ -122,15 +122,14 @@ def write_textured(
         check_rgb(f"the material {word!r}", one)
     bases = {name: base for name, base in bases.items() if base.picture is not None and name in named}
     if suffix in TEXTURED:
-        found = carried(bases, path)
-        draft, notes = TEXTURED[suffix](named, lights, found.bases), found.notes
-        write_copies(found.copies)
+        there, copies, notes = carried(bases, path)
+        draft = TEXTURED[suffix](named, lights, there)
+        write_copies(copies)
     else:
         draft, notes = WRITERS[suffix](named, lights), ()
         if bases:
             notes = (f"{listing(list(bases))}: {suffix} names no pictures; the colour of the material is written.",)
-    with replacing(path) as temporary:
-        temporary.write_text(draft.text, encoding="utf-8")
+    write_file(path, draft.text)
     return Exported(path, draft.rms, draft.largest, (*draft.notes, *notes))
 
 

@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from ..core.fields import check_kind
 from ..core.thresholds import SMALL, UNCLIPPED_PERCENT
-from ..io.files import replacing, writable
-from ..io.image_formats import encode
+from ..io.files import replacing, writable, write_file
 from ..model.gbuffers import GBuffer
 from ..model.lobes import Blinn
 from ..model.materials import Material
@@ -29,6 +28,8 @@ from .map_textures import (
     highlights_of,
     stored,
     surface_of,
+    uv_from_below,
+    write_pictures,
 )
 from .mtl import MAX_N_S
 
@@ -164,10 +165,8 @@ def _write_ply(path: Path, mesh: HeightMesh, surface: MapSurface | None, notes: 
         surface is not None
     )
     corners = np.zeros(len(mesh.corner), kinds)
-    flipped = np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1)
-    for name, column in zip(
-        names, np.concatenate([mesh.corner, mesh.normal, flipped, mesh.errors[:, None]], -1).T, strict=True
-    ):
+    columns = np.concatenate([mesh.corner, mesh.normal, uv_from_below(mesh), mesh.errors[:, None]], -1).T
+    for name, column in zip(names, columns, strict=True):
         corners[name] = column
     if surface is not None:
         place = (mesh.uv[:, ::-1] * surface.inside.shape - 0.5).T  # from centre to centre
@@ -183,8 +182,7 @@ def _write_ply(path: Path, mesh: HeightMesh, surface: MapSurface | None, notes: 
     header += [f"element vertex {len(corners)}"]
     header += [f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in kinds]
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
-    with replacing(path) as temporary:
-        temporary.write_bytes("\n".join(header).encode() + corners.tobytes() + faces.tobytes())
+    write_file(path, "\n".join(header).encode() + corners.tobytes() + faces.tobytes())
     return path
 
 
@@ -194,23 +192,18 @@ def _write_obj(path: Path, mesh: HeightMesh, found: Textures | None, notes: list
     if found is None:
         notes.append("an OBJ has no errors: PLY, glTF and JSON hold those of the heights.")
     else:
-        named = {name: f"{path.stem}_{name}.png" for name in found.pictures}
-        for name, picture in found.pictures.items():
-            written.append(path.with_name(named[name]))
-            with replacing(written[-1]) as temporary:
-                temporary.write_bytes(encode(".png", picture))
+        named = write_pictures(path, found.pictures)
         rows = ["newmtl maps", *(f"{key} {value}" for key, value in found.material.items())]
         rows += [f"{name if name == 'norm' else f'map_{name}'} {file}" for name, file in named.items()]
-        written.append(path.with_suffix(".mtl"))
-        with replacing(written[-1]) as temporary:
-            temporary.write_text("".join(f"# {note}\n" for note in notes) + "\n".join(rows) + "\n", encoding="utf-8")
+        written = [*map(path.with_name, named.values()), path.with_suffix(".mtl")]
+        write_file(written[-1], "".join(f"# {note}\n" for note in notes) + "\n".join(rows) + "\n")
     face = np.repeat(mesh.face + 1, 3, axis=1)  # place, texture and normal of a corner have one index
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.writelines(f"# {note}\n" for note in notes)
         if found is not None:
             file.write(f"mtllib {path.stem}.mtl\nusemtl maps\n")
         np.savetxt(file, mesh.corner, "v %.9g %.9g %.9g")
-        np.savetxt(file, np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1), "vt %.9g %.9g")
+        np.savetxt(file, uv_from_below(mesh), "vt %.9g %.9g")
         np.savetxt(file, mesh.normal, "vn %.6f %.6f %.6f")
         np.savetxt(file, face, "f %d/%d/%d %d/%d/%d %d/%d/%d")
     return [*written, path]

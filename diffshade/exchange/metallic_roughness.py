@@ -21,7 +21,7 @@ from .classic_fits import nearest
 from .exports import stated
 from .lobe_refits import N_S_RANGE, named
 from .readings import Reading
-from .reference import Cosines, Radiance, Reference, reference
+from .reference import Cosines, Radiance, Reference, joined, reference
 
 F0 = 0.04  # for the refractive index 1.5 of a dielectric
 ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible
@@ -103,8 +103,7 @@ def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, 
     if not (np.any(surface.head_on) or surface.edge or surface.coat):  # matte
         return Material(k_d=surface.base, lobe=Blinn(), **more)
     widths = [surface.roughness] + ([surface.coat_roughness] if surface.coat else [])
-    parts = [reference(min(2.0 / max(width, ROUGHNESS[0]) ** 4, N_S_RANGE[1])) for width in widths]
-    points = Reference(*(np.concatenate([getattr(of, axis) for of in parts]) for axis in ("n", "l")))
+    points = joined([reference(min(2.0 / max(width, ROUGHNESS[0]) ** 4, N_S_RANGE[1])) for width in widths])
     target = surface.reflected(points)
     fit = nearest(target, points)
     if fit.largest < SINGLE and not any(np.any(np.asarray(of.k_s) > SINGLE) for of in fit.highlights):

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..io.parsing import NUMBER, number, short
+from ..core.words import errors_at
+from ..io.parsing import NUMBER, number, short, without_long_comments
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.lobes import Blinn
@@ -145,11 +146,8 @@ def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
         raise ValueError(f"{where}: GL_SHININESS must be 0 to 128, as in OpenGL; got {n_s:g}. Correct the file.")
     alpha = values["GL_DIFFUSE"][3] if len(values["GL_DIFFUSE"]) == 4 else 1.0
     glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
-    try:
-        given = {field: values[key][:3] for key, field in _COLOURS.items()}
-        return Material(**given, n_s=n_s, lobe=Blinn(), **glass)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    given = {field: values[key][:3] for key, field in _COLOURS.items()}
+    return Material(**given, n_s=n_s, lobe=Blinn(), **glass)
 
 
 def read_opengl_lights(text: str, where: str) -> tuple[AbstractLight, ...]:
@@ -157,10 +155,8 @@ def read_opengl_lights(text: str, where: str) -> tuple[AbstractLight, ...]:
     lights: dict[str, dict[str, list[float]]] = {}
     for target, key, value in _calls(text, "Light", where):
         lights.setdefault(target, {})[key] = value
-    try:
+    with errors_at(where):
         return tuple(_light(lights[target], float(target == "GL_LIGHT0")) for target in sorted(lights))
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def _light(set_: dict[str, list[float]], white: float) -> AbstractLight:
@@ -191,8 +187,7 @@ def _light(set_: dict[str, list[float]], white: float) -> AbstractLight:
 
 def _calls(text: str, of: str, where: str) -> list[tuple[str, str, list[float]]]:
     """Return the target, the name and the numbers of each call; an array is named, or written in the call."""
-    first, *comments = text.split("/*")  # a regular expression would take quadratic time
-    text = re.sub(r"//[^\n]*", " ", " ".join([first, *(comment.partition("*/")[2] for comment in comments)]))
+    text = re.sub(r"//[^\n]*", " ", without_long_comments(text))
     arrays = dict(_ARRAY.findall(text))
     found = []
     for kind, _, target, key, argument in _CALL.findall(text):

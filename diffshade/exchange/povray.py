@@ -24,7 +24,7 @@ from ..model.materials import Highlight, Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated, together
 from .lobe_refits import check_plain, named, with_lobe
 from .names import identifiers, original
-from .readings import Reading, read_declared
+from .readings import Reading, first_of, read_declared
 from .reference import Cosines, Reference, differences, radiance, reference_of
 
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
@@ -171,24 +171,21 @@ def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
     blinn = bool(one["specular"])
     if blinn and one["roughness"] <= 0:
         raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
-    words = dict.fromkeys(_WORD.findall(re.sub(r"<[^<>]*>", "", _DECLARED.sub("", texture))))
+    words = _WORD.findall(re.sub(r"<[^<>]*>", "", _DECLARED.sub("", texture)))
     if unread := [word for word in words if not _READ.fullmatch(word)]:
-        note(f"words that are not read: {', '.join(map(short, unread[:8]))}{' and more' * (len(unread) > 8)}.")
+        note(f"words that are not read: {first_of(unread)}.")
     if one["metallic"]:
         note("the tint of a metallic highlight varies with the angle; its value at normal incidence is read.")
     hue = 1.0 + one["metallic"] * (pigment - 1.0)
     given: dict[str, Any] = {"k_e": colours["emission"] * pigment}
     given |= {"k_t": transmit} if transmit else {}
     given |= {"eta": one["ior"]} if "ior" in one else {}
-    try:
-        found = [Highlight(one["specular"] * hue, 1.0 / one["roughness"], Blinn())] if blinn else []
-        if one["phong"] or not blinn:
-            found.insert(0, Highlight(one["phong"] * hue, one["phong_size"], Phong()))
-        first, given["highlights"] = found[0], tuple(found[1:])
-        k_a, k_d = colours["ambient"] * pigment, one["diffuse"] * pigment
-        return Material(k_a, k_d, first.k_s, first.n_s, first.lobe, **given)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    found = [Highlight(one["specular"] * hue, 1.0 / one["roughness"], Blinn())] if blinn else []
+    if one["phong"] or not blinn:
+        found.insert(0, Highlight(one["phong"] * hue, one["phong_size"], Phong()))
+    first, given["highlights"] = found[0], tuple(found[1:])
+    k_a, k_d = colours["ambient"] * pigment, one["diffuse"] * pigment
+    return Material(k_a, k_d, first.k_s, first.n_s, first.lobe, **given)
 
 
 def _vector(inside: str, where: str) -> list[float]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from ..core.words import MAX_NAMED, listing
+from ..core.words import MAX_NAMED, errors_at, listing, unused
 from ..io.parsing import short
 from ..model.materials import Material
 from .base_colours import BaseColour
@@ -33,10 +33,10 @@ class Reading:
     def add(self, name: str, read: Callable[[], Material]) -> None:
         """Read a material, or keep the sentence that says why it cannot be read."""
         try:
-            self.materials[name] = read()
+            with errors_at(self.at(name)):
+                self.materials[name] = read()
         except ValueError as error:
-            said = str(error)
-            self.refused[name] = said if said.startswith(self.where) else f"{self.at(name)}: {said}"
+            self.refused[name] = str(error)
 
     def at(self, name: str) -> str:
         """Return where a material is, for messages."""
@@ -69,10 +69,7 @@ class Reading:
 
     def unused(self, name: str) -> str:
         """Return a name that no material has yet: with a number after it if need be."""
-        taken, i, found = self.materials.keys() | self.refused.keys(), 2, name
-        while found in taken:
-            found, i = f"{name}_{i}", i + 1
-        return found
+        return unused(name, self.materials.keys() | self.refused.keys())
 
 
 def read_declared(
@@ -89,7 +86,8 @@ def read_declared(
     reading, starts = Reading(where), list(declared.finditer(text))
     if len(starts) < 2:
         name = starts[0].group(1) if starts else "material"
-        reading.materials[name] = read(text, where, partial(reading.note, name))
+        with errors_at(where):
+            reading.materials[name] = read(text, where, partial(reading.note, name))
         return reading
     ends = [*(start.start() for start in starts[1:]), len(text)]
     for start, end in zip(starts, ends, strict=True):
@@ -100,10 +98,14 @@ def read_declared(
 
 def textures_not_read(names: Sequence[str], *, textured: bool) -> str:
     """Return the note on texture maps, which are never opened to read a material."""
-    names = list(dict.fromkeys(names))
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
     only = "those of the base colour" if textured else "colours"
-    return f"texture maps are not read, only {only}: {', '.join(short(name) for name in names[:8])}{more}."
+    return f"texture maps are not read, only {only}: {first_of(names)}."
+
+
+def first_of(names: Iterable[str]) -> str:
+    """Return the first eight of the names that a file has, and how many more there are."""
+    named = [short(name) for name in dict.fromkeys(names)]
+    return ", ".join(named[:8]) + (f" and {len(named) - 8} more" if len(named) > 8 else "")
 
 
 def load_json(text: str, where: str) -> Any:

@@ -8,7 +8,7 @@ error is a difference of radiance at these points: the root mean square over poi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -96,11 +96,15 @@ def reference(n_s: float) -> Reference:
 
 def reference_of(material: Material) -> Reference:
     """Return the reference points for a material, those of each of its highlights."""
-    found = [reference(_as_blinn(of.n_s, of.lobe)) for of in (material, *material.highlights)]
-    return Reference(*(np.concatenate([getattr(of, name) for of in found]) for name in ("n", "l")))
+    return joined([reference(as_blinn(of.n_s, of.lobe)) for of in (material, *material.highlights)])
 
 
-def _as_blinn(n_s: Exponent, lobe: AbstractReflectance) -> float:
+def joined(parts: Sequence[Reference]) -> Reference:
+    """Return the points of several references as those of one."""
+    return Reference(*(np.concatenate(of) for of in zip(*parts, strict=True)))
+
+
+def as_blinn(n_s: Exponent, lobe: AbstractReflectance) -> float:
     """Return the exponent of Blinn's highlight that is about as wide: 4 n_s of Phong's n_s."""
     return float(np.min(n_s)) * (4.0 if isinstance(lobe, Phong) else 1.0)
 

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from ..core.fields import check_kind
 from ..inverse.data.relightable import COUNT, dome
 from ..io.encodings import srgb_encode
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.image_formats import encode
 from ..io.images import read_image
 from ..io.rti_files import PTM_TERMS, ptm_file, read_rti, terms
@@ -131,8 +131,7 @@ def _ranges(coefficients: np.ndarray, inside: np.ndarray, axis: int | tuple[int,
 def _write_ptm(path: Path, pictures: _Pictures) -> ExportedRti:
     coefficients = pictures.coefficients("ptm")
     low, high = _ranges(coefficients, pictures.inside, (1, 2))
-    with replacing(path) as temporary:
-        temporary.write_bytes(ptm_file(np.moveaxis(coefficients, 0, -1), low, high))
+    write_file(path, ptm_file(np.moveaxis(coefficients, 0, -1), low, high))
     rms = pictures.difference(read_rti(path).shade)
     return ExportedRti((path,), rms, pictures.notes("ptm", rms))
 
@@ -147,8 +146,7 @@ def _write_folder(folder: Path, pictures: _Pictures, basis: str) -> ExportedRti:
     paths = [folder / f"plane_{k}.jpg" for k in range(count)]
     for k, path in enumerate(paths):
         stored = np.rint(255.0 * np.clip(coefficients[k] / scale[k] + bias[k], 0.0, 1.0)).astype(np.uint8)
-        with replacing(path) as temporary:
-            temporary.write_bytes(encode(".jpg", stored, quality=QUALITY))
+        write_file(path, encode(".jpg", stored, quality=QUALITY))
     rows, columns = pictures.maps.status.shape
     info = {
         "width": columns,
@@ -164,6 +162,5 @@ def _write_folder(folder: Path, pictures: _Pictures, basis: str) -> ExportedRti:
     back = np.stack([(read_image(path, srgb=False) - b) * s for path, s, b in zip(paths, scale, bias, strict=True)])
     rms = pictures.difference(lambda l: np.tensordot(terms(basis, count, l)[order], back, 1))
     notes = pictures.notes(basis, rms)
-    with replacing(folder / "info.json") as temporary:
-        temporary.write_text(json.dumps(info | {"notes": list(notes)}, indent=1), encoding="utf-8")
+    write_file(folder / "info.json", json.dumps(info | {"notes": list(notes)}, indent=1))
     return ExportedRti((*paths, folder / "info.json"), rms, notes)

@@ -28,14 +28,15 @@ def fresnel(cosine: Cosines) -> Cosines:
     return np.exp2((-5.55473 * cosine - 6.98316) * cosine)
 
 
+def lobe(points: Reference, n: float) -> Cosines:
+    """Return the highlight of MeshPhongMaterial but for its weight, times n.l."""
+    return points.n_l * 0.25 * (n / 2 + 1) * points.n_h**n
+
+
 def highlights(points: Reference) -> Shape:
     """Return the highlights of MeshPhongMaterial, linear in the specular colour."""
     grazing = fresnel(points.v_h)
-
-    def lobe(n: float) -> Cosines:
-        return points.n_l * 0.25 * (n / 2 + 1) * points.n_h**n
-
-    return Shape(lambda n: lobe(n) * (1 - grazing), N_S_RANGE, 1.0, lambda n: lobe(n) * grazing)
+    return Shape(lambda n: lobe(points, n) * (1 - grazing), N_S_RANGE, 1.0, lambda n: lobe(points, n) * grazing)
 
 
 def _fitted(material: Material, lights: Any, *, bytes_: bool) -> tuple[dict[str, Any], Draft]:

@@ -11,37 +11,39 @@ F is Schlick's weight of c (see `threejs`).
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from ..core.thresholds import UNCLIPPED_PERCENT
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.gltf_files import uri_of
-from ..io.image_formats import encode
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
 from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, lowest
-from .map_textures import GREY, MapSurface, Textures, difference, highlights_of, stored
-from .reference import Cosines, Reference, radiance, reference_of
-from .threejs import fresnel
+from .map_textures import (
+    GREY,
+    MapSurface,
+    Textures,
+    attributes_of,
+    difference,
+    highlights_of,
+    stored,
+    uv_from_below,
+    write_pictures,
+)
+from .reference import joined, radiance, reference_of
+from .threejs import fresnel, lobe
 
 # three.js's constants: stretched by the mesh's UV, clamped at the edges, linear, and by MIP maps where it is small
 SAMPLING = {"mapping": 300, "wrap": [1001, 1001], "minFilter": 1008, "magFilter": 1006}
 
 
 TWO_SIDED = {"side": 2}  # three.js's constant
-
-
-class PhongHighlight(NamedTuple):
-    """The highlight of a MeshPhongMaterial with maps."""
-
-    n_s: float
-    size: Float[np.ndarray, "h w"] | Float[np.ndarray, ""]
-    """Strength times specular colour of a k_s of 1."""
 
 
 def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
@@ -84,18 +86,17 @@ def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     return Textures(pictures, material, difference(maps, surface, shade))
 
 
-def _highlight(maps: TexelMaps, brightness: float) -> PhongHighlight:
-    """Return the one shininess, and the size of its highlight at each texel, nearest to the highlights of maps."""
+def _highlight(maps: TexelMaps, brightness: float) -> tuple[float, Float[np.ndarray, "*texels"]]:
+    """Return the one shininess that is nearest to the highlights of maps, and the size of its highlight at each texel.
+
+    The size is the strength times the specular colour of a k_s of 1, one number where all texels share it.
+    """
     highlights = highlights_of(maps, brightness)
     each = [reference_of(material) for material in highlights.materials]
-    points = Reference(*(np.concatenate([getattr(of, name) for of in each]) for name in ("n", "l")))
+    points = joined(each)
     diffuse = points.n_l[:, None]
     targets = [radiance(material, points) - diffuse * np.asarray(material.k_d) for material in highlights.materials]
-
-    def lobe(n: float) -> Cosines:
-        return points.n_l * 0.25 * (n / 2 + 1) * points.n_h**n
-
-    shape = Shape(lobe, N_S_RANGE)
+    shape = Shape(partial(lobe, points), N_S_RANGE)
 
     def cost(log_n: float) -> float:
         n = float(np.exp(log_n))
@@ -104,7 +105,7 @@ def _highlight(maps: TexelMaps, brightness: float) -> PhongHighlight:
 
     n_s = float(np.exp(lowest(cost, *np.log(N_S_RANGE))))
     sizes = np.array([[shape.weights(n_s, target)[0] / GREY] for target in targets])
-    return PhongHighlight(n_s, highlights.at_texels(sizes)[..., 0])
+    return n_s, highlights.at_texels(sizes)[..., 0]
 
 
 def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:
@@ -112,18 +113,8 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
     pictures, material = (
         ({}, {"type": "MeshPhongMaterial", **TWO_SIDED}) if found is None else (found.pictures, found.material)
     )
-    written = []
-    for name, picture in pictures.items():
-        written.append(path.with_name(f"{path.stem}_{name}.png"))
-        with replacing(written[-1]) as temporary:
-            temporary.write_bytes(encode(".png", picture))
-    attributes = {
-        "position": mesh.corner,
-        "normal": mesh.normal,
-        "tangent": np.concatenate([mesh.tangent, np.ones((len(mesh.corner), 1))], -1),
-        "uv": np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1),
-        "height_error": np.where(np.isfinite(mesh.errors), mesh.errors, -1.0)[:, None],
-    }
+    names = write_pictures(path, pictures)
+    attributes = attributes_of(mesh) | {"uv": uv_from_below(mesh)}
     document: dict[str, Any] = {
         "metadata": {"version": 4.6, "type": "Object", "generator": "diffshade"},
         "geometries": [
@@ -131,14 +122,14 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
                 "uuid": "surface",
                 "type": "BufferGeometry",
                 "data": {
-                    "attributes": {name: _numbers(array, "Float32Array") for name, array in attributes.items()},
+                    "attributes": {name: _numbers(array) for name, array in attributes.items()},
                     "index": {"type": "Uint32Array", "array": mesh.face.ravel().tolist()},
                 },
             }
         ],
         "materials": [{"uuid": "maps", **material, **{name: name for name in pictures}}],
         "textures": [_texture(name) for name in pictures],
-        "images": [{"uuid": name, "url": uri_of(f"{path.stem}_{name}.png")} for name in pictures],
+        "images": [{"uuid": name, "url": uri_of(file)} for name, file in names.items()],
         "object": {
             "uuid": "object",
             "type": "Mesh",
@@ -148,15 +139,14 @@ def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]
             "userData": {"diffshade": notes},
         },
     }
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(document, separators=(",", ":"), ensure_ascii=False), encoding="utf-8")
-    return [*written, path]
+    write_file(path, json.dumps(document, separators=(",", ":"), ensure_ascii=False))
+    return [*map(path.with_name, names.values()), path]
 
 
-def _numbers(array: Float[np.ndarray, "n size"], kind: str) -> dict[str, Any]:
+def _numbers(array: Float[np.ndarray, "n size"]) -> dict[str, Any]:
     """Return an attribute of a BufferGeometry, to seven digits."""
     digits = [float(f"{x:.7g}") for x in array.ravel()]
-    return {"itemSize": array.shape[1], "type": kind, "array": digits, "normalized": False}
+    return {"itemSize": array.shape[1], "type": "Float32Array", "array": digits, "normalized": False}
 
 
 def _texture(name: str) -> dict[str, Any]:

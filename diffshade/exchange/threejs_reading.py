@@ -26,7 +26,7 @@ from .hex_colours import from_hex
 from .javascript import Expression, created
 from .lobe_refits import N_S_RANGE, Shape
 from .metallic_roughness import classic, metal_of, surface_of, what_of
-from .readings import Reading, as_number, as_table, load_json
+from .readings import Reading, as_number, as_table, first_of, load_json
 from .reference import differences, reference
 from .threejs import fresnel, highlights
 
@@ -240,8 +240,7 @@ def _note_the_rest(settings: dict[str, Any], name: str, reading: Reading) -> Non
         reading.note_maps(name, maps, ("map",))
     others = [key for key in rest if key not in maps and settings[key] not in _NEUTRAL.get(key, ())]
     if others:
-        more = f" and {len(others) - 8} more" if len(others) > 8 else ""
-        reading.note(name, f"settings that are not read: {', '.join(short(key) for key in others[:8])}{more}.")
+        reading.note(name, f"settings that are not read: {first_of(others)}.")
 
 
 def _phong(

@@ -95,7 +95,4 @@ def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
 
     n_s, alpha = float(np.clip(known["SpecularPower"][0], 0.0, MAX_N_S)), known["Opacity"][0]
     glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
-    try:
-        return Material(k("Ambient"), k("Diffuse"), k("Specular"), n_s, Phong(), **glass)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    return Material(k("Ambient"), k("Diffuse"), k("Specular"), n_s, Phong(), **glass)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..core import fields
 from ..core.backend import check_backend, in_float64
@@ -21,19 +21,16 @@ from ..model.scenes import Scene, stack_scene
 from .data.view_sets import ViewSet
 from .data.views import View
 from .fitting import check_choices, check_free, new_problem
-from .forward.gram import Point
-from .forward.interface import AbstractForwardModel, Pixels
-from .pixels.blocks import Block, chunks, rows_and_columns
+from .forward.interface import Pixels
+from .image_fits import ImageFit, Samples
+from .pixels.blocks import chunks, rows_and_columns
 from .problem import FitProblem
-from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
-from .solve.start_search import best_linear, groups_to_try
+from .solve.start_search import groups_to_try
 from .unknowns.constraints import Grey, Proportional
 from .unknowns.parameters import find_unknowns
 from .unknowns.places import Place
 from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, natural
-
-TOGETHER = 16  # fits of a batch that take their steps together: their pixels stay in a core's cache
 
 
 class FittedValues(eqx.Module):
@@ -71,18 +68,9 @@ class FitFunction(eqx.Module):
     cameras: tuple[AbstractCamera, ...]
     bases: tuple[Place | None, ...] = eqx.field(static=True)
     """The known number that each `Proportional` multiplies by its unknown factor; None where it multiplies none."""
-    model: AbstractForwardModel
-    """Of which all samples of a view weigh alike."""
-    priors: PriorResiduals
-    box: BoxConstraints
-    chunk: Block
-    index: Int[fields.Array, "blocks channels pixels"]
-    """Where each sample is in the images, one after another; -1 for padding."""
+    fit: ImageFit
     places: tuple[Float[fields.Array, "blocks pixels"], Float[fields.Array, "blocks pixels"]]
     """The row and the column of each pixel; 0 for padding."""
-    start: Float[fields.Array, " p"]
-    groups: tuple[tuple[Int[fields.Array, " m"], Float[fields.Array, "n m"]], ...]
-    """For each group of unknowns that a search tries together: which they are, and the values that it tries."""
 
     __hash__ = object.__hash__  # jax.jit looks the program of a function up by it; arrays have none
     __eq__ = object.__eq__
@@ -120,14 +108,15 @@ class FitFunction(eqx.Module):
     @jax.jit  # compiled once, also for a caller who compiles nothing
     def _fitted(self, images: Sequence[Array], scene: Scene | None, cameras: Any) -> FittedValues:
         of = self._with(scene, cameras)
-        theta, (converged, gram) = of._minimum(targets := of._targets(images))
-        values = natural(theta, of.model.setting.slots.logarithmic)
-        determined = of._determined(theta, gram, targets)
+        targets = of._targets(images)
+        theta, (converged, gram) = of.fit.minimum(targets)
+        values = natural(theta, of.fit.model.setting.slots.logarithmic)
+        determined = of.fit.determined(theta, gram, targets)
         by_name = [
             {name: each[at[0]] if len(at) == 1 else each[jnp.array(at)] for name, at in self.quantities}
             for each in (values, determined)
         ]
-        return FittedValues(by_name[0], of.cost(theta, targets), converged > 0.0, by_name[1])
+        return FittedValues(by_name[0], of.fit.cost(theta, targets), converged > 0.0, by_name[1])
 
     def residuals(
         self,
@@ -151,11 +140,7 @@ class FitFunction(eqx.Module):
             ValueError: An image has another shape, or the scene or the cameras differ by more than their numbers.
         """
         of = self._with(scene, cameras)
-        return of._residuals(theta, of._targets(images)).ravel()
-
-    def cost(self, theta: Array, targets: Array) -> Array:
-        """Return half the sum of squares of the residuals."""
-        return 0.5 * jnp.sum(self._residuals(theta, targets) ** 2) + self.priors.gram(theta).cost
+        return of.fit.residuals(theta, of._targets(images)).ravel()
 
     def _with(self, scene: Scene | None, cameras: Sequence[AbstractCamera] | AbstractCamera | None) -> FitFunction:
         """Return the function with other known numbers, and arrays of the precision of the program that calls it."""
@@ -172,120 +157,27 @@ class FitFunction(eqx.Module):
                 )
         over_pixels, rest = apart(jax.tree.map(jnp.asarray, given[0]))
         projections = [camera.projection() for camera in jax.tree.map(jnp.asarray, given[1])]
-        products = zip(of.model.setting.slots.products[2], of.bases, strict=True)
+        products = zip(of.fit.model.setting.slots.products[2], of.bases, strict=True)
         constants = [known if base is None else base.whole.value_in(rest, ())[base.channel] for known, base in products]
         model = eqx.tree_at(
             lambda m: (m.setting.setup.scene, m.setting.projections, m.setting.slots.products[2]),
-            of.model,
+            of.fit.model,
             (stack_scene(rest), jax.tree.map(lambda *each: jnp.stack(each), *projections), jnp.array(constants)),
         )
         there = tuple(of_pixel.astype(int) for of_pixel in of.places)
         pixels = Pixels(*of.places, jax.tree.map(lambda leaf: leaf[there], over_pixels))
-        points = model.points(pixels, of.chunk.view, jnp.any(of.index >= 0, 1))
-        return eqx.tree_at(lambda f: (f.model, f.chunk.points), of, (model, points))
+        points = model.points(pixels, of.fit.chunk.view, jnp.any(of.fit.index >= 0, 1))
+        return eqx.tree_at(lambda f: (f.fit.model, f.fit.chunk.points), of, (model, points))
 
-    def _targets(self, images: Sequence[ArrayLike]) -> Float[Array, "blocks channels pixels"]:
+    def _targets(self, images: Sequence[ArrayLike]) -> Samples:
+        """Return the samples of the images in blocks."""
         shapes = tuple(jnp.shape(image) for image in images)
         if tuple(shape[:2] if shape[2:] == (1,) else shape for shape in shapes) != self.shapes:
             raise ValueError(
                 f"this fit function needs images of shapes {self.shapes}; got {shapes}. Give one for each view, or "
                 "jax.vmap over the axis of the batch."
             )
-        samples = jnp.concatenate([jnp.ravel(jnp.asarray(image, float)) for image in images])[self.index]
-        return jnp.where(self.index >= 0, samples, 0.0)
-
-    def _residuals(self, theta: Array, targets: Array) -> Array:
-        m = jax.lax.map(lambda block: jnp.stack(self.model.predict(theta, block)), self.chunk)
-        return self._whitened(m - targets)
-
-    def _whitened(self, samples: Array) -> Array:
-        """Return samples over the standard deviation of their view's noise; 0 where none counts."""
-        weights = jax.lax.stop_gradient(jax.lax.map(self.model.sample_weights, self.chunk))
-        counts = (self.index >= 0) & (weights > 0.0)
-        return jnp.where(counts, jnp.sqrt(jnp.where(counts, weights, 1.0)) * samples, 0.0)
-
-    def _squares(self, targets: Array) -> Array:
-        """Return the sum of squares of the images, with which rounding is compared."""
-        return jnp.sum(self._whitened(targets) ** 2)
-
-    def _minimum(self, targets: Array) -> tuple[Array, tuple[Array, Array]]:
-        """Return the minimum, 1 where the solver converged, and J^T J there; with the derivatives of an implicit root.
-
-        The root is that of the gradient, by the unknowns that are not at a bound.
-        """
-
-        def gradient(theta: Array) -> Array:
-            inside = (theta > self.box.lower) & (theta < self.box.upper)
-            cost = jax.grad(lambda q: self.cost(jnp.where(inside, q, jax.lax.stop_gradient(theta)), targets))
-            return cost(theta)
-
-        def solved(*_: Any) -> tuple[Array, tuple[Array, Array]]:
-            found, converged = _searched(self, targets)
-            as_number = jnp.where(converged, 1.0, 0.0)  # whose derivative custom_root makes a zero of its own kind
-            return jnp.asarray(found.theta), (as_number, found.total.hessian.as_matrix())
-
-        return jax.lax.custom_root(gradient, jnp.asarray(self.start), solved, _inverse_of, has_aux=True)
-
-    def _search(self, targets: Array) -> tuple[Point, Array]:
-        """Return the minimum and whether the solver converged, from the best of the points that are tried."""
-        chunk = eqx.tree_at(lambda c: c.observed.target, self.chunk, targets)
-        theta, projects = jnp.asarray(self.start), self.model.projects
-
-        def evaluate(theta: Array) -> Point:
-            return point_of(theta, self.model, self.priors, self.box, self.model.summary(theta, chunk))
-
-        def judged(theta: Array) -> tuple[Any, Any]:
-            point = evaluate(theta)
-            return (point.theta, point.total.cost) if projects else best_linear(point, self.box)
-
-        for members, values in self.groups * min(len(self.groups), 2):
-            tried = jax.vmap(theta.at[members].set)(values)
-            found, costs = jax.lax.map(lambda at: judged(jnp.clip(at, self.box.lower, self.box.upper)), tried)
-            theta = found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-        return minimum_in_jax(theta, evaluate, self.box, self._squares(targets), projects=projects)
-
-    def _determined(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
-        """Return which unknowns change the prediction by more than rounding, in no direction that changes none.
-
-        Of an unknown that the prediction is linear in, any change will do; another one changes by 1 (of an exponent its
-        logarithm) or by its value. Normal equations keep half of the digits.
-        """
-        half_the_digits = float(jnp.finfo(gram.dtype).eps) ** 0.5
-        effect = jnp.sqrt(jnp.diagonal(gram)) * jnp.maximum(1.0, jnp.abs(theta))
-        rounding = half_the_digits * jnp.sqrt(self._squares(targets))
-        shown = effect > jnp.where(self.box.linear, 0.0, rounding)
-        scale = jnp.where(shown, jax.lax.rsqrt(jnp.where(shown, jnp.diagonal(gram), 1.0)), 0.0)
-        scaled = gram * jnp.outer(scale, scale) + jnp.diag(jnp.where(shown, 0.0, 1.0))
-        size, direction = jnp.linalg.eigh(scaled)
-        idle = jnp.where(size < len(gram) * jnp.finfo(gram.dtype).eps, direction, 0.0)
-        return shown & jnp.all(jnp.abs(idle) < half_the_digits, -1)
-
-
-@jax.custom_batching.custom_vmap
-def _searched(function: FitFunction, targets: Array) -> tuple[Point, Array]:
-    return function._search(targets)
-
-
-@_searched.def_vmap
-def _(size: int, batched: list, function: FitFunction, targets: Array) -> tuple:
-    """Search for a few at once: none of the others then waits for the slowest of all."""
-    each, shared = eqx.partition((function, targets), tuple(batched))
-
-    def search(one: tuple) -> tuple[Point, Array]:
-        function, targets = eqx.combine(one, shared)
-        return function._search(targets)
-
-    found = jax.lax.map(search, each, batch_size=min(size, TOGETHER))
-    return found, jax.tree.map(lambda _: True, found)
-
-
-def _inverse_of(hessian: Callable[[Array], Array], slope: Float[Array, " p"]) -> Float[Array, " p"]:
-    """Return H^-1 slope, with 0 for unknowns and along directions that change nothing, given the product by H."""
-    H = jax.vmap(hessian)(jnp.eye(len(slope), dtype=slope.dtype))
-    D = jnp.diagonal(H)
-    seen = jnp.finfo(H.dtype).eps * jnp.max(D) < D
-    scale = jnp.where(seen, jax.lax.rsqrt(jnp.where(seen, D, 1.0)), 0.0)
-    return scale * (jnp.linalg.pinv(H * jnp.outer(scale, scale), hermitian=True) @ (scale * slope))
+        return self.fit.targets(jnp.concatenate([jnp.ravel(jnp.asarray(image, float)) for image in images]))
 
 
 def fit_function(
@@ -351,17 +243,28 @@ def fit_function(
                 "priors count beside photographs by their noise, which the views do not have. Give View.noise, or use "
                 "fit, which finds it."
             )
-        if clipped := problem.data.counts.clipped:
+        clipped = problem.data.counts.clipped
+        if clipped:
             raise ValueError(
                 f"a fit function knows no clipped samples; {clipped} of the views' samples are. Mask them "
                 "out, or use fit."
             )
         shapes = tuple(np.shape(view.image) for view in views)
         numbered = _numbered(problem, shapes)
-        parts = numbered.pieces(None, size := numbered.size_for(None))
+        size = numbered.size_for(None)
+        parts = numbered.pieces(None, size)
         laid = numbered.lay_out(parts, size), [rows_and_columns(of, size) for of in chunks(parts)]
         chunk, places = (jax.tree.map(lambda *of: np.concatenate(of), *each) for each in laid)
         told = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
+        image_fit = ImageFit(
+            problem.model,
+            problem.priors(1.0),
+            problem.box,
+            chunk,
+            chunk.observed.target.astype(int) - 1,
+            np.clip(np.where(problem.box.linear, 0.0, told), problem.box.lower, problem.box.upper),
+            tuple((np.array(of.members), of.values) for of in groups_to_try(unknowns, scene)),
+        )
         made = FitFunction(
             tuple(unknown.name for unknown in unknowns),
             _quantities(unknowns),
@@ -369,14 +272,8 @@ def fit_function(
             scene,
             tuple(view.camera for view in views),
             tuple(None if unknown.places else x.base for unknown in unknowns for x in unknown.products),
-            problem.model,
-            problem.priors(1.0),
-            problem.box,
-            chunk,
-            chunk.observed.target.astype(int) - 1,
+            image_fit,
             places,
-            np.clip(np.where(problem.box.linear, 0.0, told), problem.box.lower, problem.box.upper),
-            tuple((np.array(of.members), of.values) for of in groups_to_try(unknowns, scene)),
         )
         return jax.tree.map(np.asarray, made)
 

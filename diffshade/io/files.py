@@ -40,6 +40,12 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)  # after the replacement there is nothing to remove
 
 
+def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a file of text in UTF-8, or of bytes, as `replacing` does."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def writable(path: str | os.PathLike[str]) -> Path:
     """Return the real path of a file that can be written; raise what `replacing` does where it cannot."""
     target = Path(os.path.realpath(path))

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.words import count as counted
+from ..core.words import unused
 from .parsing import read_glb
 from .polygons import BARE, NONE, Polygons, indexed, joined, stated
 
@@ -114,11 +115,8 @@ def material_names(materials: Sequence[Any]) -> list[str]:
     found = dict[str, None]()
     for i, row in enumerate(materials):
         given = row.get("name") if isinstance(row, dict) else None
-        base = name = given if isinstance(given, str) and given else f"material_{i}"
-        number = 2
-        while name in found:
-            name, number = f"{base}_{number}", number + 1
-        found[name] = None
+        name = given if isinstance(given, str) and given else f"material_{i}"
+        found[unused(name, found)] = None
     return list(found)
 
 

@@ -16,7 +16,7 @@ import equinox as eqx
 import numpy as np
 
 from ..core.fields import is_over_pixels
-from ..core.words import did_you_mean
+from ..core.words import did_you_mean, errors_at
 from ..model.area_lights import AreaLight
 from ..model.attenuation import DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
@@ -32,7 +32,7 @@ from ..model.patterns import Chequer
 from ..model.scenes import Object, Scene
 from ..model.surfaces import Box, Plane, Sphere
 from .arrays import read_array, write_array
-from .files import replacing, writable
+from .files import writable, write_file
 from .lamps.lamp_files import read_lamp
 
 # The classes of a table by its key; where there is a choice, `type` names one, the first by default.
@@ -127,8 +127,7 @@ def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None
     writable(path)
     for name, array in arrays.items():
         write_array(path.with_name(name), array)
-    with replacing(path) as temporary:
-        temporary.write_text(tomli_w.dumps(document), encoding="utf-8")
+    write_file(path, tomli_w.dumps(document))
     return [*(path.with_name(name) for name in arrays), path]
 
 
@@ -201,10 +200,8 @@ def _with_lamp(light: Any, path: Path, i: int) -> Any:
     given = {key: own[key] for key in ("direction", "side") if key in own}
     given |= {key: own.pop(key) for key in ("lamp_set",) if key in own}
     given |= {"tilt": path.parent / own.pop("tilt")} if "tilt" in own else {}
-    try:
+    with errors_at(where):
         lamp = read_lamp(path.parent / light["file"], **given)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from None
     return {"type": "MeasuredLight", **_table(lamp, "", None), **own}
 
 
@@ -230,10 +227,8 @@ def _build(cls: type, table: Any, where: str) -> Any:
                 raise ValueError(f"{where}.{key} must be true or false; got {values[key]!r}. Write one of the two.")
         elif key in parameters and parameters[key].default is inspect.Parameter.empty:
             raise ValueError(f"{where} needs the key '{key}' of a {cls.__name__}. Add it.")
-    try:
+    with errors_at(where):
         return cls(**values)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def _value(key: str, value: Any, where: str) -> Any:
@@ -274,10 +269,8 @@ def _multiplied(table: dict[str, Any], where: str) -> dict[str, Any]:
     _check_keys(form, ("O_d", "O_s", *_PRODUCTS), f"{where}.foley")
     if twice := [key for key in _PRODUCTS if key in own]:
         raise ValueError(f"{where}.{twice[0]} is given beside foley, which makes it a product. Leave one of them out.")
-    try:
+    with errors_at(where):
         material = Material.foley(**form)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from None
     return own | {key: getattr(material, key) for key in _PRODUCTS}
 
 

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 import jax
 import numpy as np
 
-from ..io.files import replacing
+from ..io.files import write_file
 from ..io.lazy_images import LazyImage
 
 SAMPLED_ROWS = 8  # rows of a lazy image that enter its fingerprint
@@ -63,8 +63,7 @@ def open_folder(folder: Path, problem: str, rows: int) -> tuple[int, TextIO | No
     lock = _locked(folder)
     try:
         if not marker.exists():
-            with replacing(marker) as temporary:
-                temporary.write_text(json.dumps({"problem": problem, "rows": rows}), encoding="utf-8")
+            write_file(marker, json.dumps({"problem": problem, "rows": rows}))
         return _rows_in(marker, problem), lock
     except BaseException:
         release(lock)

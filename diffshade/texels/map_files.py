@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..io.arrays import read_array, write_array
-from ..io.files import replacing
+from ..io.files import replacing, write_file
 from ..io.image_formats import save
 from ..io.images import read_image
 
@@ -50,6 +50,5 @@ def write_about(path: Path, about: Mapping[str, object]) -> Path:
     """Write what is to be known of maps: a TOML file."""
     import tomli_w
 
-    with replacing(path) as temporary:
-        temporary.write_text(tomli_w.dumps(about), encoding="utf-8")
+    write_file(path, tomli_w.dumps(about))
     return path

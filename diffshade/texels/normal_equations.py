@@ -209,10 +209,8 @@ class ReducedSystem(NamedTuple):
 
     S: list[list[Array]]
     """The Schur complement P - B^T G^-1 B."""
-    L: list[list[Array]]
-    """The Cholesky factor of G, in each channel."""
     Z: list[list[Array]]
-    """L^-1 B, one row for each of the other unknowns."""
+    """L^-1 B, one row for each of the other unknowns, with the Cholesky factor L of G in each channel."""
 
 
 def eliminate_coefficients(found: NormalEquations, *, hold_zeros: bool) -> ReducedSystem:
@@ -234,4 +232,4 @@ def eliminate_coefficients(found: NormalEquations, *, hold_zeros: bool) -> Reduc
     def schur(i: int, j: int) -> Array:
         return found.P[i][j] - sum((jnp.sum(a * b, 0) for a, b in zip(Z[i], Z[j], strict=True)), 0.0)
 
-    return ReducedSystem([[schur(i, j) for j in range(count)] for i in range(count)], L, Z)
+    return ReducedSystem([[schur(i, j) for j in range(count)] for i in range(count)], Z)

@@ -48,6 +48,7 @@ LAYERS = (
     "inverse.misfit",
     "inverse.verdicts",
     "inverse.fitting",
+    "inverse.image_fits",
     "inverse.fit_functions",
     "texels",
     "diagnosis",

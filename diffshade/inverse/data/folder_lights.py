@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.thresholds import SMALL
-from ...io.files import replacing
+from ...io.files import write_file
 from ...io.images import without_alpha, write_image
 from ...model.attenuation import RadialAttenuation
 from ...model.lights import DirectionalLight, PointLight
@@ -136,8 +136,7 @@ def write_lights(
 
 
 def _write(path: Path, lines: Iterable[str]) -> None:
-    with replacing(path) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_file(path, "".join(f"{line}\n" for line in lines))
 
 
 def write_photographs(

@@ -72,7 +72,9 @@ class Listing(NamedTuple):
 
 
 def list_folder(folder: Path) -> Listing:
-    """Return what a folder holds; raise ValueError for one without photographs."""
+    """Return what a folder holds; raise ValueError for one without photographs, FileNotFoundError for none."""
+    if not folder.is_dir():
+        raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs.")
     images = sorted(
         (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")),
         key=lambda file: natural_order(file.name),

@@ -114,8 +114,6 @@ def read_folder(
 ) -> PhotographFolder:
     """Read a folder as `read_photographs` does, its normals with None where there are some; return all it says."""
     folder = Path(folder)
-    if not folder.is_dir():
-        raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs.")
     listed = list_folder(folder)
     of = read_lights(listed, known=lights)
     exposures, exposed = exposures_of(listed.files) if exif else (np.ones(len(listed.names)), [])

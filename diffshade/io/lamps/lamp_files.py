@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ...core.fields import Numbers
+from ...core.words import errors_at
 from ...model.attenuation import RadialAttenuation
 from ...model.measured_lights import MeasuredLight, Profile
 from ..parsing import read_text
@@ -70,12 +71,10 @@ def read_lamp(
     peak = float(table.candela.max())
     if not (np.isfinite(table.candela).all() and table.candela.min() >= 0 and peak > 0):
         raise ValueError(f"{path}: the intensities must be finite, at least 0 and not all 0. Correct the file.")
-    try:
+    with errors_at(f"{path}"):
         profile = Profile(table.vertical, table.horizontal, table.candela / peak)
         fades = RadialAttenuation(0, 0, 1)
         return MeasuredLight(position, direction, profile, peak * _at_tilt(factors, direction), fades, side, data.label)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _at_tilt(tilt: Tilt | None, direction: Numbers) -> float:

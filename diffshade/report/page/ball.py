@@ -227,9 +227,7 @@ def _cosine(degrees: Any) -> float:
 def _plain(coefficient: Any) -> np.ndarray:
     """Return three numbers: the mean colour of a pattern or over the pixels, and a single n_s repeated."""
     if isinstance(coefficient, AbstractPattern):
-        fields = [
-            f for f in dataclasses.fields(coefficient) if f.metadata.get("converter") in (as_colour, as_coefficient)
-        ]
+        fields = [f for f in dataclasses.fields(coefficient) if f.metadata.get("converter") in COLOURS]
         colours = [np.asarray(getattr(coefficient, f.name)).reshape(-1, 3).mean(0) for f in fields]
         return np.mean(colours, 0) if colours else np.full(3, 0.5)
     if is_over_pixels(coefficient):

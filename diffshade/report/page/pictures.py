@@ -60,9 +60,7 @@ def build_gallery(predictions: Sequence[Prediction], names: Sequence[str], drawn
     table = _table()
     pictures = []
     for name, p in zip(names, predictions, strict=True):
-        height, width = p.target.shape[:2]
-        small = min(1.0, LARGEST / max(height, width))
-        shape = (max(round(height * small), 1), max(round(width * small), 1))
+        shape = smaller(p.target.shape)
         photograph, image = (displayed(drawn.of(of), shape, white) for of in (p.target, p.image))
         difference = _steps(p, shape, limit)
         files = [encode(".jpg", of, quality=QUALITY) for of in (photograph, image)]
@@ -75,7 +73,7 @@ def build_gallery(predictions: Sequence[Prediction], names: Sequence[str], drawn
                 rmse=p.rmse if p.counts.any() else 0.0,
                 height=shape[0],
                 width=shape[1],
-                smaller=small < 1.0,
+                smaller=shape != p.target.shape[:2],
                 inside=p.coverage if np.isfinite(p.coverage) else None,
             )
         )
@@ -94,9 +92,13 @@ def ball_picture(fit: Fit, scene: Scene, white: float) -> str:
     view = fit.views[0]
     camera = view.camera
     image = np.asarray(render(scene, camera, lit=view.lit)) * float(view.exposure) + float(view.black)
-    small = min(1.0, LARGEST / max(camera.shape))
-    shape = (max(round(camera.shape[0] * small), 1), max(round(camera.shape[1] * small), 1))
-    return _uri("png", encode(".png", displayed(image, shape, white)))
+    return _uri("png", encode(".png", displayed(image, smaller(camera.shape), white)))
+
+
+def smaller(shape: Sequence[int], most: int = LARGEST) -> tuple[int, int]:
+    """Return the height and width of a picture that is shown smaller where its longer side has more pixels."""
+    small = min(1.0, most / max(shape[:2]))
+    return max(round(shape[0] * small), 1), max(round(shape[1] * small), 1)
 
 
 def _table() -> UInt8[np.ndarray, "colours 4"]:

@@ -12,7 +12,7 @@ from ....inverse.data.views import View, is_grey
 from ....io.image_formats import encode
 from ....texels.maps import TexelMaps
 from ....texels.status import OUTSIDE
-from ..pictures import QUALITY, displayed
+from ..pictures import QUALITY, displayed, smaller
 
 LARGEST = 1024  # pixels of the longer side of a photograph beside the live picture
 WHITE = 0.995  # quantile of a photograph that is shown as white, in the median over photographs
@@ -40,9 +40,8 @@ def still_of(maps: TexelMaps, lit: tuple[int, ...] | None, exposure: float, whit
 
 
 def _encoded(image: Float[np.ndarray, "h w c"], white: float) -> str:
-    small = min(1.0, LARGEST / max(image.shape))
-    shape = (max(round(image.shape[0] * small), 1), max(round(image.shape[1] * small), 1))
-    return base64.b64encode(encode(".jpg", displayed(image, shape, white), quality=QUALITY)).decode("ascii")
+    shown = displayed(image, smaller(image.shape, LARGEST), white)
+    return base64.b64encode(encode(".jpg", shown, quality=QUALITY)).decode("ascii")
 
 
 def _seen(view: View) -> Float[np.ndarray, "h w c"]:

@@ -93,13 +93,6 @@ class PageForm(NamedTuple):
         return most if self.full else most // 2
 
 
-class _Predicted(NamedTuple):
-    names: list[str]
-    predictions: list[Prediction]
-    off: Float[np.ndarray, " n"]
-    """Relative errors."""
-
-
 def write_maps_page(
     path: Path,
     maps: TexelMaps,
@@ -124,7 +117,7 @@ def write_maps_page(
     beside = [] if form.embed else photographs.some(form.of(MOST_PHOTOGRAPHS))
     _name(stage["views"], photographs, beside)
     report_progress("predictions")
-    predicted = _predicted(maps, photographs, bands, form)
+    names, predictions, off = _predicted(maps, photographs, bands, form)
     overlays = overlays_of(numbers, layers)
     report_progress("writing")
     page = fill(
@@ -135,7 +128,7 @@ def write_maps_page(
         embed=form.embed,
         still=still_of(maps, lightings[first].lit, lightings[first].exposure, white),
         lead=tables.lead(maps),
-        facts=tables.facts(maps, len(photographs.fitted), len(photographs.left_out), predicted.off),
+        facts=tables.facts(maps, len(photographs.fitted), len(photographs.left_out), off),
         view_groups=[
             (group, [(i, view["name"]) for i, view in enumerate(stage["views"]) if view["held_out"] == left_out])
             for group, left_out in (("left out of the fit", True), ("used by the fit", False))
@@ -151,10 +144,10 @@ def write_maps_page(
         remarks=tables.remarks(stage),
         table=shown(maps.columns),
         notes=[str(note) for note in (*maps.notes, *(() if heights is None else heights.notes))],
-        gallery=build_gallery(predicted.predictions, predicted.names, drawn_bands(())) if predicted.names else None,
+        gallery=build_gallery(predictions, names, drawn_bands(())) if names else None,
         seen=not photographs.left_out,
-        bands=None if bands is None else on_bands(bands, predicted.predictions),
-        charts=_charts(predicted),
+        bands=None if bands is None else on_bands(bands, predictions),
+        charts=_charts(names, off),
         factor=numbers.factor,
         packed=tables.packed(numbers, layers, picture_off(maps, numbers, layers, white)),
         scene=as_script({"first": first, **_scene(numbers, layers, planes, stage, overlays)}),
@@ -167,19 +160,19 @@ def write_maps_page(
 
 def _predicted(
     maps: TexelMaps, photographs: PagePhotographs, bands: PredictionBands | None, form: PageForm
-) -> _Predicted:
-    """Return some photographs beside what the maps predict of them."""
+) -> tuple[list[str], list[Prediction], Float[np.ndarray, " n"]]:
+    """Return the names of some photographs, what the maps predict of them, and the relative errors of that."""
     which = [] if form.embed else photographs.predicted(form.of(MOST_PREDICTIONS))
     found = [(bands or maps).predict(photographs.every[i]) for i in which]
     off = [relative_error(p, float(photographs.every[i].black)) for i, p in zip(which, found, strict=True)]
-    return _Predicted([photographs.names[i] for i in which], found, np.array(off))
+    return [photographs.names[i] for i in which], found, np.array(off)
 
 
-def _charts(predicted: _Predicted) -> list[charts.Chart]:
-    if not predicted.names:
+def _charts(names: Sequence[str], off: Float[np.ndarray, " n"]) -> list[charts.Chart]:
+    if not names:
         return []
     title, x_label = "Each of these photographs", "those above, from 0"  # all of them or some
-    return [charts.errors_of_each(predicted.off, predicted.names, "relative error", title, x_label)]
+    return [charts.errors_of_each(off, names, "relative error", title, x_label)]
 
 
 def _jpegs(photographs: PagePhotographs, which: Sequence[int], white: float) -> dict[str, str]:
