@@ -124,7 +124,7 @@ def light_distribution(S: Float[np.ndarray, "3 3 n"]) -> LightDistribution:
 
 
 def note_on_normals(lights: LightDistribution) -> str | None:
-    """Return a note on the normals that these lights leave undetermined, with the remedy; None if there are hardly any."""
+    """Return a note on the normals that these lights leave undetermined, with the remedy; None if hardly any."""
     if lights.coplanar < SLIGHT:  # a few at the terminator, whose status says it
         return None
     which = "the texels" if lights.coplanar > 0.995 else f"{lights.coplanar:.0%} of the texels"

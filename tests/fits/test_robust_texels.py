@@ -300,7 +300,10 @@ def test_halves_of_lights_give_the_size_of_errors():
     assert (left == ~right).all()
     assert set(np.flatnonzero(left)) in (set(range(15)), set(range(15, 30)))
     assert (by_height[0] == ~by_height[1]).all()
-    assert len(division_of(lights[:12]).parts) == division_of(lights[:12]).first == 6
+    for views, groups in ((6, 6), (9, 6), (10, 5), (12, 3), (23, 3)):
+        few = division_of(np.resize(lights, (views, 3)))
+        assert len(few.parts) == few.first == groups
+        assert (few.parts.sum(1) >= min(views, 12) - 4).all()
     assert np.isinf(calibrated(np.zeros((4, 5)), np.ones(5), np.ones((4, 5)), division).errors)
 
 

@@ -80,7 +80,8 @@ def test_an_import_starts_no_backend_and_loads_nothing_that_it_may_not_need():
 import sys
 import diffshade as ds
 ds.fit, ds.read_scene, ds.exchange.read_material
-for name in ("imageio", "cv2", "OpenEXR", "matplotlib", "rich", "tomli_w", "scipy.interpolate", "scipy.optimize", "scipy.sparse"):
+packages = ("imageio", "cv2", "OpenEXR", "matplotlib", "rich", "tomli_w")
+for name in (*packages, "scipy.interpolate", "scipy.optimize", "scipy.sparse"):
     assert name not in sys.modules, name
 scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=0.7)), ds.PointLight((2, 3, 4)))
 camera = ds.Camera((0, 0, 4), fov=35, shape=(8, 10))

@@ -4,25 +4,27 @@ The misfit and the curvature of a texel say where the errors are large, but not 
 shared by many observations. So texels are fitted again to each half of the lights, divided where the lights are spread
 the most, and to the half around their middle and the rest, which cast shadows and bounce differently. Were the errors
 of the halves independent, the whole would differ from either half as much as from the truth. Errors that the halves
-share remain unseen, hence the largest of the differences counts. With few views one of six groups is left out in turn,
-and the differences make a jackknife (Quenouille 1956; Tukey 1958). How much larger the rare errors are follows from the
-geometric mean of the differences of the first division: what one part alone gets wrong is its own lack of light.
+share remain unseen, hence the largest of the differences counts. With few views one of three to six groups is left out
+in turn, and the differences make a jackknife (Quenouille 1956; Tukey 1958). How much larger the rare errors are follows
+from the geometric mean of the differences of the first division: what one part alone gets wrong is its own lack of
+light.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.fields import Array
-from ...core.thresholds import INTERVALS, MOST, SINGLE
+from ...core.thresholds import FEW, INTERVALS, MOST, SINGLE
 from ..maps import NORMAL_95
 from .learning import MIN_SAMPLES
 
 TRUST_IN_GAUSSIAN = 0.15  # in the logarithm of its ratio, NORMAL_95: the rarest errors of a sample are rough
-GROUPS = 6  # of few views, one of which is left out: with six photographs, one at a time
+GROUPS = 6  # of the fewest views, one of which is left out: with six photographs, one at a time
 FEW_VIEWS = 24  # views from which halves are fitted; below, one group is left out in turn
 
 
@@ -51,7 +53,9 @@ def division_of(l: Float[np.ndarray, "views 3"]) -> Division:
     axis = np.linalg.svd(apart, full_matrices=False)[2][0]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     if len(l) < FEW_VIEWS:
-        groups = min(GROUPS, len(l))
+        # groups as large as leave FEW views: lights that stand together share errors, which small groups hide
+        groups = max(3, math.ceil(len(l) / (len(l) - FEW))) if len(l) > FEW else GROUPS
+        groups = min(groups, GROUPS, len(l))
         return Division(_without_each(apart @ axis, groups), groups)
     return Division(np.concatenate([_without_each(apart @ axis, 2), _without_each(l @ middle, 2)]), 2)
 
