@@ -119,8 +119,8 @@ def _write_errors(
     for name, error in errors.items():
         values[f"{name}_error"][rows] = np.where(inside[..., None], np.where(np.isnan(error), np.inf, error), 0.0)
     large = values["normal_error"][rows, :, 0] > np.rad2deg(MAX_NORMAL_ERROR)
-    dull = (values["k_s"][rows] <= values["k_s_error"][rows]).all(-1)
-    found = np.asarray(status_of(~dull, large | (status == UNDETERMINED), status == SHADOWED))
+    shines = np.any(values["k_s"][rows] > values["k_s_error"][rows], -1)
+    found = np.asarray(status_of(shines, large | (status == UNDETERMINED), status == SHADOWED))
     status[inside] = found[inside]
 
 
