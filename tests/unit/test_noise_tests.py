@@ -45,6 +45,14 @@ def test_noise_passes():
     assert np.sum(np.array(found) < 0.01) <= 30
 
 
+def test_noise_is_noise_whatever_its_size():
+    noise = white(np.random.default_rng(2))[ROW, COLUMN].astype(np.float32)
+    light = SHADE[ROW, COLUMN].astype(np.float32)
+    found = [p_value([Leftover(0, SHOWN, np.float32(size) * noise, light)]) for size in (1.0, 1e-12, 1e-16)]
+    np.testing.assert_allclose(found, found[0], rtol=1e-3)  # fourth powers are smaller than single precision holds
+    assert found[0] > FALSE_ALARM
+
+
 CHANGES: dict[str, np.ndarray] = {
     "smooth": 1.0 * X * Y,
     "by brightness": 0.5 * np.cos(3.0 * SHADE),

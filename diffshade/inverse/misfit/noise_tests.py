@@ -136,8 +136,12 @@ def whiteness(views: Sequence[Leftover]) -> Whiteness:
     found = [p for of in sums for p in _p_values(of)]
     found.append(min(_p_of_variance(of) for of in of_variance) * len(views))
     over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
-    squares = {view.view: float(view.residual @ view.residual) / len(view.residual) for view in views}
+    squares = {view.view: float(_mean_square(view)) for view in views}
     return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares)
+
+
+def _mean_square(view: Leftover) -> Float[Array, ""]:
+    return view.residual @ view.residual / np.float32(len(view.residual))
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
@@ -145,7 +149,8 @@ def _all_sums(view: Leftover) -> list[Sums]:
 
     The last are the sums of the squares by brightness, less their mean, and of the squares of these.
     """
-    z, light, at = view.residual, view.light, view.shown
+    light, at = view.light, view.shown
+    z = view.residual / np.sqrt(_mean_square(view))  # whose fourth powers single precision holds
     some = light[:: max(len(light) // 1024, 1)]
     edges = np.quantile(some, np.arange(1, BINS) / BINS).astype(light.dtype)
 
@@ -168,8 +173,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
     *fine, of_bins, squares, count, fourth, looks = total(on_all_cores(of_band, filled))
     found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
     found += [(of_bins, squares), *((of[:1], of[1:]) for of in looks)]
-    mean = float(squares.sum()) / len(z)
-    found.append((squares - count * mean, count * (fourth / len(z) - mean**2)))
+    found.append((squares - count, count * (fourth / len(z) - 1.0)))
     return found
 
 
