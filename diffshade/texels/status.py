@@ -6,7 +6,9 @@ With k_s free, "determined" includes the highlight: a matte texel, however well 
 from __future__ import annotations
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.fields import Array
@@ -106,7 +108,8 @@ def status_of(
         shadowed: Where too few lights reach the texel.
         failed: Where the fit did not end.
     """
-    status = jnp.where(highlight, DETERMINED, NO_HIGHLIGHT)
-    status = jnp.where(undetermined, UNDETERMINED, status)
-    status = jnp.where(failed, FAILED, status)
-    return jnp.where(shadowed, SHADOWED, status).astype(jnp.uint8)
+    xp = jnp if isinstance(shadowed, jax.Array) else np  # JAX would compile anew for each tile's number of texels
+    status = xp.where(highlight, DETERMINED, NO_HIGHLIGHT)
+    status = xp.where(undetermined, UNDETERMINED, status)
+    status = xp.where(failed, FAILED, status)
+    return xp.where(shadowed, SHADOWED, status).astype(np.uint8)

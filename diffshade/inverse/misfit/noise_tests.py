@@ -12,7 +12,7 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from typing import NamedTuple
 
 import jax
@@ -70,6 +70,11 @@ class Leftover:
     shown: Footprint
     residual: Float[np.ndarray, " n"]
     light: Float[np.ndarray, " n"]
+
+    @cached_property
+    def mean_square(self) -> float:
+        """The mean square of the residuals."""
+        return float(self.residual @ self.residual) / len(self.residual)
 
 
 Sums = tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]  # of residuals over cells, and of their squares
@@ -136,12 +141,8 @@ def whiteness(views: Sequence[Leftover]) -> Whiteness:
     found = [p for of in sums for p in _p_values(of)]
     found.append(min(_p_of_variance(of) for of in of_variance) * len(views))
     over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
-    squares = {view.view: float(_mean_square(view)) for view in views}
+    squares = {view.view: view.mean_square for view in views}
     return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares)
-
-
-def _mean_square(view: Leftover) -> Float[Array, ""]:
-    return view.residual @ view.residual / np.float32(len(view.residual))
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
@@ -150,7 +151,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
     The last are the sums of the squares by brightness, less their mean, and of the squares of these.
     """
     light, at = view.light, view.shown
-    z = view.residual / np.sqrt(_mean_square(view))  # whose fourth powers single precision holds
+    z = view.residual / view.mean_square**0.5  # whose fourth powers single precision holds
     some = light[:: max(len(light) // 1024, 1)]
     edges = np.quantile(some, np.arange(1, BINS) / BINS).astype(light.dtype)
 

@@ -266,7 +266,7 @@ class RobustRun(TexelWork):
         lit, plane = found.lit[own], found.plane[own]
         unknown = (plane < DEGREE) | (k.level < ROUNDING * shared.brightest)
         flat[part.pixels[unknown | (lit < MIN_LIT_WITH_NORMAL)]] = np.inf
-        status = np.asarray(status_of(~unknown, unknown, lit < MIN_LIT_WITH_NORMAL))  # until the errors are known
+        status = status_of(~unknown, unknown, lit < MIN_LIT_WITH_NORMAL)  # until the errors are known
         n_s = np.array([model.shape.exponent for model in shared.refined])[self.region_of(part.pixels)]
         arrays.write_numbers(
             part.pixels,

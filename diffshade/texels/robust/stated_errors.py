@@ -120,7 +120,7 @@ def _write_errors(
         values[f"{name}_error"][rows] = np.where(inside[..., None], np.where(np.isnan(error), np.inf, error), 0.0)
     large = values["normal_error"][rows, :, 0] > np.rad2deg(MAX_NORMAL_ERROR)
     shines = np.any(values["k_s"][rows] > values["k_s_error"][rows], -1)
-    found = np.asarray(status_of(shines, large | (status == UNDETERMINED), status == SHADOWED))
+    found = status_of(shines, large | (status == UNDETERMINED), status == SHADOWED)
     status[inside] = found[inside]
 
 
