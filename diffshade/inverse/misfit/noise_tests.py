@@ -165,7 +165,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
         picture, shade = (at.rows_of(of, rows.start, rows.stop + 2) for of in (z, light))
         own = picture[1:-1]
         over_cells = [at.down[:, rows] @ (of @ at.along) for of in (own, own * own)]
-        return [*over_cells, *over_bins, count, squares @ squares, _looks(at.middle[rows], picture, shade)]
+        return [*over_cells, *over_bins, count, np.asarray(squares @ squares), _looks(at.middle[rows], picture, shade)]
 
     height, width = at.middle.shape
     step = max(CHUNK * BLOCK // width, 1)  # what a band needs stays in a core's cache
