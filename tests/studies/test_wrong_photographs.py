@@ -41,9 +41,9 @@ class Tally:
 
 
 def kinds_of(fit: ds.Fit) -> tuple[str, ...] | None:
-    """The kinds of fault that a fit names, a wrong outline among them; None without a remark."""
-    found = [note for note in fit.notes if note.kind in ("outline", "cause", "misfit")]
-    named = [("outline",) if note.kind == "outline" else note.names[:2] for note in found]
+    """The kinds of fault that a fit names, a wrong outline and samples at an end among them; None without a remark."""
+    found = [note for note in fit.notes if note.kind in ("outline", "cause", "misfit", "clipped")]
+    named = [(note.kind,) if note.kind in ("outline", "clipped") else note.names[:2] for note in found]
     return sum(named, ()) if found else None
 
 
@@ -69,7 +69,8 @@ def check(kind: str, count: int, seeds: range) -> None:
     if (kind, count) not in NOT_TRUE:
         assert found.off <= max(0.05 * found.determined, 1), (kind, count, found)
     if (kind, count) not in NOT_NAMED and not FAULTS[kind].is_gauge:
-        assert found.named >= 0.8 * found.moved, (kind, count, found)
+        by_chance = 0.01 * found.determined  # of noise alone, three numbers in a thousand are so far off
+        assert found.moved - found.named <= max(0.2 * found.moved, by_chance), (kind, count, found)
 
 
 @pytest.mark.parametrize("kind", FAULTS)

@@ -82,6 +82,13 @@ def test_noise_that_is_not_alike_or_not_independent_is_seen(noise):
     assert p_value([left(noise(white(random))) for _ in range(2)]) < FALSE_ALARM
 
 
+def test_noise_that_grows_a_little_is_seen_in_one_view():
+    """As that of photons does; fifteen bins by brightness are less sure than their one sum along it."""
+    random = np.random.default_rng(5)
+    found = [p_value([left(white(random) * (1.0 + 0.7 * (SHADE - 0.7)))]) for _ in range(40)]
+    assert np.sum(np.array(found) < FALSE_ALARM) >= 34
+
+
 def test_sums_of_correlated_residuals_have_so_many_times_the_variance():
     random = np.random.default_rng(3)
     alike = [np.repeat(np.repeat(white(random)[: SIDE // 2, : SIDE // 2], 2, 0), 2, 1) for _ in range(4)]

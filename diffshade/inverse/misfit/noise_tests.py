@@ -137,9 +137,9 @@ def whiteness(views: Sequence[Leftover]) -> Whiteness:
     views = [view for view in views if len(view.residual) > 1 and view.residual.any()]
     if not views:
         return Whiteness(1.0, 1.0, {})
-    *sums, of_variance = zip(*map(_all_sums, views), strict=True)
+    *sums, of_variance, along = zip(*map(_all_sums, views), strict=True)
     found = [p for of in sums for p in _p_values(of)]
-    found.append(min(_p_of_variance(of) for of in of_variance) * len(views))
+    found += [min(map(_p_of_variance, of)) * len(views) for of in (of_variance, along)]
     over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
     squares = {view.view: view.mean_square for view in views}
     return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares)
@@ -148,7 +148,8 @@ def whiteness(views: Sequence[Leftover]) -> Whiteness:
 def _all_sums(view: Leftover) -> list[Sums]:
     """Return the sums of one view over cells of three sizes, by brightness, and with what the picture looks like.
 
-    The last are the sums of the squares by brightness, less their mean, and of the squares of these.
+    The last are the sums of the squares by brightness, less their mean, and of the squares of these; and both along
+    the brightness, since most noise grows with it.
     """
     light, at = view.light, view.shown
     z = view.residual / view.mean_square**0.5  # whose fourth powers single precision holds
@@ -174,7 +175,10 @@ def _all_sums(view: Leftover) -> list[Sums]:
     *fine, of_bins, squares, count, fourth, looks = total(on_all_cores(of_band, filled))
     found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
     found += [(of_bins, squares), *((of[:1], of[1:]) for of in looks)]
-    found.append((squares - count, count * (fourth / len(z) - 1.0)))
+    excess, expected = squares - count, count * (fourth / len(z) - 1.0)
+    middles = np.quantile(some, (np.arange(BINS) + 0.5) / BINS)
+    along = middles - count @ middles / len(z)
+    found += [(excess, expected), (along[None] @ excess, along[None] ** 2 @ expected)]
     return found
 
 
@@ -226,7 +230,7 @@ def _p_values(of_views: Sequence[Sums]) -> list[float]:
 
 
 def _p_of_variance(of: Sums) -> float:
-    """Return the p-value of the residuals' variance being the same at every brightness."""
+    """Return the p-value of the residuals' variance being the same at every brightness (Koenker 1981)."""
     excess, expected = of
     chi2 = np.sum(excess**2 / np.maximum(expected, 1e-300))
     return float(special.chdtrc(max(int(np.sum(expected > 0)) - 1, 1), chi2))
