@@ -45,7 +45,7 @@ BANDS = "bands.html"  # the page of the bands, in the folder of the maps
 @click.option("--loss", type=OneOf(LOSSES), help="squares, huber, cauchy, geman-mcclure  [by trial]")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
 @click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")
-@click.option("--no-exposure", "as_exposed", is_flag=True, help="Exposures and white balance are as told")
+@click.option("--no-exposure", "as_exposed", is_flag=True, help="Exposures, white balance and black level are as told")
 @click.option("--no-align", "as_placed", is_flag=True, help="Photographs that are shifted are not moved back")
 @LIGHT_ERROR
 @click.option("--hold-out", type=int, metavar="N", help="Leave out and predict every N-th photograph")

@@ -33,6 +33,7 @@ from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .lighting import LightErrors
 from .lights.exposures import Taught, found_exposures
+from .lights.level import undone_level
 from .lights.shifts import undone_shifts
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
@@ -130,6 +131,8 @@ def fit_texels(
         match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
             are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
             is done where twelve photographs or more show it, by 15 % in one of them or 5 % in a colour; a note says so.
+            And whether what all photographs show where the object is darkest, a black level or haze, is taken off,
+            where the texels then agree better with each other.
         align: Whether photographs that are shifted in the picture, as by a hand, are moved back, where all texels share
             a highlight and each photograph has a light of its own. It is done where eight photographs or more show it,
             by half a pixel and three errors; a note says so. Masks stay where they are.
@@ -219,7 +222,11 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     )
     taught, exposures, on_lights = Taught(run, run.learn(sample), sample), None, ()
     if other is None and match_exposures:
+        darker, taught, on_level = undone_level(scene, views, taught)
+        if darker is not views:
+            views, each = darker, TexelRun(scene, darker, free, "squares", regions, tiles)
         exposures, taught, on_lights = found_exposures(scene, views, taught, light_error)
+        on_lights = (*on_level, *on_lights)
     if other is None and not any(note.kind == "disagrees" for note in on_lights):
         on_lights = (*on_lights, *note_on_turned_lights(*taught))
     notes = (*notes, *on_lights)

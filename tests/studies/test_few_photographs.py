@@ -13,6 +13,7 @@ from bumpy import MATERIALS, bumpy, degrees_between, jumps, under
 from measured import measured
 
 import diffshade as ds
+from diffshade.core.words import Note
 
 FREE = ("k_d", "k_s", "n_s", "normal")
 GREY = {12: range(12), 9: [i for i in range(12) if i % 4 != 3], 8: [i for i in range(12) if i % 3], 6: range(0, 12, 2)}
@@ -79,6 +80,45 @@ def notes_of(of, views, scene=None) -> list[str]:
         for note in notes
         if "exposures say" in note or "said to be" in note or "swapped" in note or "shifted" in note
     ]
+
+
+def levels_of(maps: ds.TexelMaps) -> list[str]:
+    return [note for note in maps.notes if isinstance(note, Note) and note.kind == "black"]
+
+
+@pytest.mark.thorough
+def test_a_level_that_all_photographs_share_is_told_and_undone():
+    of = bumpy("glossy", 12, 50.0)
+    hazy = [dataclasses.replace(view, image=np.asarray(view.image) + 0.01) for view in of.views]
+    right, undone = (ds.fit_texels(of.scene, views, free=FREE) for views in (of.views, hazy))
+    assert levels_of(right) == []
+    (note,) = levels_of(undone)
+    assert "show 0.01 where no light reaches" in note
+    np.testing.assert_allclose(undone.values["normal"], right.values["normal"], atol=1e-3)
+    np.testing.assert_allclose(undone.errors["normal"][of.mask], right.errors["normal"][of.mask], rtol=0.05)
+
+
+@pytest.mark.thorough
+def test_where_light_reaches_everything_no_level_is_told():
+    """Under six lights near the camera the darkest is seen at grazing light, and without it the texels agree better."""
+    of = bumpy("matte", 6, 20.0, cast=True)
+    assert levels_of(ds.fit_texels(of.scene, of.views, free=FREE)) == []
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["diligent_ball", pytest.param("diligent_cat", marks=pytest.mark.slow)])
+def test_a_level_added_to_real_photographs_moves_nothing(name):
+    scene, views = ds.read_photographs(measured(name))
+    truth, some = np.load(measured(name) / "normal_gt.npy"), np.linspace(0, len(views) - 1, 12).round().astype(int)
+    level = 0.01 * max(float(np.quantile(views[i].image, 0.999)) for i in some)
+    found = [
+        ds.fit_texels(scene, [dataclasses.replace(views[i], image=views[i].image + add) for i in some], free=FREE)
+        for add in (0.0, level)
+    ]
+    known = found[0].known & found[1].known
+    off = [degrees_between(maps.values["normal"], truth)[known].mean() for maps in found]
+    assert off[1] < off[0] + 0.1
+    assert len(levels_of(found[1])) == 1
 
 
 @pytest.mark.thorough

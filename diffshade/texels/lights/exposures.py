@@ -54,6 +54,11 @@ class Taught(NamedTuple):
         """How far each photograph is from what the others predict."""
         return errors_of_shared(self.run, fewer(self.sample), self.models)
 
+    @property
+    def misfit(self) -> float:
+        """The typical residual, relative to the level of a texel."""
+        return float(np.mean([model.relative_misfit for model in self.models]))
+
 
 def found_exposures(
     scene: Scene, views: Sequence[View], first: Taught, light_error: LightErrors | None
@@ -119,7 +124,7 @@ def undone(found: Exposures, rig: _Rig) -> Scene:
 
 def _taught_with(found: Exposures, rig: _Rig, first: Taught, light_error: LightErrors | None) -> Taught:
     """Return what the same texels teach with exposures undone, with errors that contain those of the exposures."""
-    run = _run_like(first.run, undone(found, rig), rig.views, _errors_with(found, light_error))
+    run = first.run.under(lighting_setup(undone(found, rig), rig.views), _errors_with(found, light_error))
     return Taught(run, run.learn(first.sample), first.sample)
 
 
@@ -160,14 +165,6 @@ def _named(factor: Float[np.ndarray, "views channels"]) -> str:
     return ", ".join(f"views[{v}] {times(factor[v])}" for v in most) + more
 
 
-def _run_like(run: RobustRun, scene: Scene, views: Sequence[View], light_error: LightErrors | None) -> RobustRun:
-    """Return what works on the same texels under other lights."""
-    setup = lighting_setup(scene, views)
-    return RobustRun(
-        setup, run.known, run.loss, run.regions, run.tiles, neighbours=run.neighbours, light_error=light_error
-    )
-
-
 def _refined(found: Exposures, rig: _Rig, first: Taught, error: Float[np.ndarray, " views"]) -> Exposures:
     """Return exposures that agree better with all texels, from those found, with lights that are known to an error."""
 
@@ -176,7 +173,7 @@ def _refined(found: Exposures, rig: _Rig, first: Taught, error: Float[np.ndarray
 
     views, every = rig.views, len(rig.views)
     stated = Stated(rig.given, error, np.full(every, np.inf))
-    run = _run_like(first.run, lit(LightEstimates(rig.given, np.ones(every))), views, None)
+    run = first.run.under(lighting_setup(lit(LightEstimates(rig.given, np.ones(every))), views), None)
     refined = refine(lit, views, run, first.sample, np.arange(every), stated, run.tiles.report_progress)
     directions, gain = refined.lamps
     error = np.sqrt(refined.own[:, 2, 2] + refined.shared[:, 2, 2])

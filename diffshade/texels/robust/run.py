@@ -77,6 +77,12 @@ class RobustRun(TexelWork):
         super().__init__(setup, known, loss, regions, tiles)
         self.neighbours, self.light_error = neighbours, light_error
 
+    def under(self, setup: LightingSetup, light_error: LightErrors | None) -> RobustRun:
+        """Return what works on the same texels, for photographs that are described otherwise."""
+        return RobustRun(
+            setup, self.known, self.loss, self.regions, self.tiles, neighbours=self.neighbours, light_error=light_error
+        )
+
     def learn(self, sample: TexelTile, assumed: Assumptions | None = None) -> list[ObjectModel]:
         """Return the model of the object, or that of each region, from a sample of its texels.
 

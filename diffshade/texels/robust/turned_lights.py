@@ -91,7 +91,7 @@ def _seen_in(texels: MatteTexels, view: int) -> Float[np.ndarray, "3"]:
         for _ in range(ITERATIONS):
             e = left - A @ change
             weight = 1.0 / (1.0 + (e / max(robust_scale(e), TINY)) ** 2)
-            change = np.linalg.solve((A.T * weight) @ A + TINY * np.eye(3), (A.T * weight) @ left)
+            change = np.linalg.lstsq((A.T * weight) @ A, (A.T * weight) @ left, rcond=TINY)[0]
         x = x + change
     return x / np.linalg.norm(x)
 
