@@ -19,6 +19,7 @@ from ..inverse.data.photographs import as_given
 from ..inverse.data.samples import top_of
 from ..inverse.data.views import as_image, check_floats
 from ..io.images import read_image, without_alpha
+from ..io.lazy_images import LazyImage
 from .balls import MIN_FRACTION, largest, roundness
 from .edges import ANGLES, disc, shrunk
 from .outlines import JUDGED, Outline, find_outline
@@ -49,13 +50,20 @@ class Photographs:
         return [note] if self.found else []
 
     def grey(self, i: int) -> Float[np.ndarray, "h w"]:
-        """Return the mean of the channels of one photograph."""
-        return _grey(np.asarray(self.images[i][:], np.float64))
+        """Return the mean of the channels of one photograph, in the rows of the balls; 0 elsewhere."""
+        rows = self._rows
+        found = np.zeros(self.images[i].shape[:2])
+        found[rows] = _grey(np.asarray(self.images[i][rows], np.float64))
+        return found
 
     def clipped(self, i: int) -> Mask:
         """Return the pixels of one photograph with a sample at 1, the top of a file's range, or above."""
         image = np.asarray(self.images[i][:])
         return np.asarray((image >= top_of(image)).any(-1))
+
+    @property
+    def _rows(self) -> slice:
+        return _rows_of(np.logical_or.reduce(self.masks))
 
 
 def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False, circle: Any = None) -> Photographs:
@@ -69,7 +77,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
         circle: Column, row and radius of the ball, or of each ball, instead of a mask.
     """
     given = None if circle is None else _given_circles(circle, mask)
-    names, images, mask, extras = _read(photographs, srgb, mask, own=given is None)
+    names, images, mask, extras = _read(photographs, srgb, mask, own=given is None, hold=mirror)
     shapes = [image.shape[:2] for image in images]
     if len(set(shapes)) > 1:
         other = next(i for i, shape in enumerate(shapes) if shape != shapes[0])
@@ -78,7 +86,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
             "Give photographs by one camera that did not move."
         )
     alpha = next((image[:][..., -1] for image in images if image.shape[2] in (2, 4)), None)
-    images = [without_alpha(image[:]) if image.shape[2] in (2, 4) else image for image in images]
+    images = [_colours(image) if image.shape[2] in (2, 4) else image for image in images]
     for name, image in zip(names, images, strict=True):
         check_floats(name, image.dtype)
     mask = [as_given(alpha)] if mask is None and given is None and alpha is not None else mask
@@ -87,8 +95,9 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
         masks = tuple(disc(outline.circle, shapes[0]) for outline in outlines)
     else:
         masks = (_round_piece(images),) if mask is None else tuple(_of_shape(m, shapes[0]) for m in mask)
+    mask_of_all = np.logical_or.reduce(masks)
     for name, image in zip(names, images, strict=True):
-        _check_finite(name, np.asarray(image[:]), np.logical_or.reduce(masks))
+        _check_finite(name, image, mask_of_all)
     return Photographs(tuple(names), tuple(images), masks, mask is None and given is None, outlines)
 
 
@@ -112,12 +121,24 @@ def _grey(image: np.ndarray) -> np.ndarray:
     return image @ np.full(image.shape[-1], 1.0 / image.shape[-1], image.dtype)
 
 
-def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
-    bad = ~np.isfinite(image[mask]).all(-1)
+def _colours(image: Any) -> Any:
+    return image.colours() if isinstance(image, LazyImage) else without_alpha(image)
+
+
+def _rows_of(mask: Mask) -> slice:
+    """Return the rows that a mask has something in."""
+    rows = np.flatnonzero(mask.any(1))
+    return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0)
+
+
+def _check_finite(name: str, image: Any, mask: Mask) -> None:
+    rows = _rows_of(mask)
+    seen = np.asarray(image[rows])[mask[rows]]
+    bad = ~np.isfinite(seen).all(-1)
     if bad.any():
         row, column = np.argwhere(mask)[bad.argmax()]
         raise ValueError(
-            f"{name} must be finite; got {image[row, column].tolist()} at row {row}, column {column}. Correct the "
+            f"{name} must be finite; got {seen[bad.argmax()].tolist()} at row {row}, column {column}. Correct the "
             "file, or exclude the pixel with the mask."
         )
 
@@ -149,9 +170,12 @@ def _given_masks(mask: Any) -> list[Mask] | None:
 
 
 def _read(
-    photographs: Any, srgb: bool | None, mask: Any, *, own: bool
+    photographs: Any, srgb: bool | None, mask: Any, *, own: bool, hold: bool
 ) -> tuple[list[str], list[Any], list[Mask] | None, tuple[Path, ...]]:
-    """Return names and images, the masks, by default the folder's `own`, and images left out there."""
+    """Return names and images, the masks, by default the folder's `own`, and images left out there.
+
+    With `hold`, the numbers of files are held as they are stored.
+    """
     masks: list[Path] = []
     extras: tuple[Path, ...] = ()
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
@@ -181,7 +205,7 @@ def _read(
     read = photograph_files(paths, srgb=srgb, shape=shape)
     for note in read.notes:
         _LOGGER.warning("%s: %s", paths[0].parent, note)
-    pictures = iter(read.images())
+    pictures = map(read.hold if hold else read.read, range(len(paths)))
     images = [
         next(pictures) if isinstance(file, str | Path) else as_image(file, name)
         for name, file in zip(names, files, strict=True)

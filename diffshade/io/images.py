@@ -122,19 +122,29 @@ def load_image(
         clipped: Whether a pixel with a colour at the end of its range becomes 1 in all colours where the primaries
             change: each then depends on the one that is not known.
     """
-    stored = _read(path)
+    stored = load_stored(path, orientation=orientation)
     taken = numbers_read_as(path, stored.dtype, srgb)
-    stored = _upright(path, stored, taken.statement.orientation, orientation)
-    image = decoded(as_fractions(path, stored), stored.dtype, taken.encoding)
-    if clipped and stored.dtype.kind == "u" and taken.encoding.to_srgb is not None:
-        full = (without_alpha(stored) == np.iinfo(stored.dtype).max).any(-1)
-        without_alpha(image)[full] = 1.0
-    return image, taken
+    return as_radiance(path, stored, taken.encoding, clipped=clipped), taken
 
 
 def load_stored(path: Path, *, orientation: int | None = None) -> Shaped[np.ndarray, "h w c"]:
     """Read the numbers of an image as they are stored, upright as `load_image` has it."""
-    return _upright(path, _read(path), statement_of(path).orientation, orientation)
+    stored = _read(path)  # before what it states, for a file that is damaged is said to be so
+    return _upright(path, stored, statement_of(path).orientation, orientation)
+
+
+def as_radiance(
+    path: Path, stored: Shaped[np.ndarray, "h w c"], encoding: Encoding, *, clipped: bool
+) -> Float64[np.ndarray, "h w c"]:
+    """Return stored numbers, all or some rows of them, as `load_image` does."""
+    if stored.dtype == np.uint8 and len(encoding.curves) == 1 and encoding.to_srgb is None and not _has_alpha(stored):
+        levels = np.arange(256, dtype=np.uint8)[:, None, None]
+        return decoded(as_fractions(path, levels), stored.dtype, encoding)[:, 0, 0][stored]
+    image = decoded(as_fractions(path, stored), stored.dtype, encoding)
+    if clipped and stored.dtype.kind == "u" and encoding.to_srgb is not None:
+        full = (without_alpha(stored) == np.iinfo(stored.dtype).max).any(-1)
+        without_alpha(image)[full] = 1.0
+    return image
 
 
 def _upright(path: Path, stored: np.ndarray, own: int, orientation: int | None = None) -> np.ndarray:

@@ -1,10 +1,13 @@
 """Files of one camera: turned alike, what they state said once, clipped colours of other primaries."""
 
+import tracemalloc
+
 import colour_profiles as by
 import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.calibration.photographs import gather
 from diffshade.inverse.data.photograph_files import photograph_files
 
 ADOBE = by.profile("Adobe-like", by.gamma(by.ADOBE_GAMMA), by.ADOBE_XYZ)
@@ -102,3 +105,37 @@ def test_a_missing_file_is_named(tmp_path):
     assert photograph_files([], srgb=None).notes == ()
     with pytest.raises(FileNotFoundError, match=r"there is no file .*a\.png\. Add it"):
         photograph_files([tmp_path / "a.png"], srgb=None)
+
+
+@pytest.mark.parametrize(
+    ("name", "bits", "channels"), [("a.jpg", 8, 3), ("a.png", 8, 1), ("a.png", 8, 4), ("a.png", 16, 3), ("a.exr", 0, 3)]
+)
+def test_what_is_held_as_it_is_stored_is_decoded_as_files_are_read(tmp_path, name, bits, channels):
+    if name == "a.exr":
+        pytest.importorskip("OpenEXR")
+    path = tmp_path / name
+    image = np.random.default_rng(0).random((9, 7, channels))
+    ds.write_image(path, image, **({"bits": bits} if bits == 16 else {}))
+    files = photograph_files([path], srgb=None)
+    held = files.hold(0)
+    np.testing.assert_array_equal(held[:], ds.read_image(path))
+    np.testing.assert_array_equal(held[2:5], ds.read_image(path)[2:5])
+    np.testing.assert_array_equal(files.read(0), ds.read_image(path))
+
+
+def test_photographs_of_a_mirror_ball_take_the_memory_of_their_files(tmp_path):
+    """A byte for each sample; decoded, each photograph would take eight."""
+    row, column = np.mgrid[:300, :400]
+    ball = np.hypot(row - 150, column - 200) < 80
+    pictures = [ball * 0.1 + 0.8 * (np.hypot(row - 140, column - c) < 6) for c in (170, 190, 210, 230, 180, 220)]
+    for i, picture in enumerate(pictures):
+        ds.write_image(tmp_path / f"{i}.png", np.repeat(picture[..., None], 3, -1))
+    sizes = []
+    for count in (2, 6):
+        tracemalloc.start()
+        taken = gather([tmp_path / f"{i}.png" for i in range(count)], None, None, mirror=True, circle=(200, 150, 80))
+        sizes.append(tracemalloc.get_traced_memory()[0])
+        tracemalloc.stop()
+        assert len(taken.images) == count
+    each = (sizes[1] - sizes[0]) / 4
+    assert 0.9 < each / (300 * 400 * 3) < 1.2

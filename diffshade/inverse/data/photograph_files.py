@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from ...core.words import MAX_NAMED, count, listing
-from ...io.images import ReadAs, load_image, read_as
-from ...io.lazy_images import open_image
+from ...io.images import ReadAs, read_as
+from ...io.lazy_images import LazyImage, hold_image, open_image
+
+OPENED = (".npy", ".zarr")  # files of numbers, which may be larger than memory
 
 
 @dataclass(frozen=True)
@@ -33,10 +35,15 @@ class PhotographFiles:
 
     def read(self, index: int) -> Any:
         """Read a photograph, or open it where it may be larger than memory."""
+        image = self.hold(index)
+        return image if self.files[index].suffix.lower() in OPENED else image[:]
+
+    def hold(self, index: int) -> LazyImage:
+        """Read a photograph, and hold it as it is stored, or open it where it may be larger than memory."""
         file = self.files[index]
-        if file.suffix.lower() in (".npy", ".zarr"):
+        if file.suffix.lower() in OPENED:
             return open_image(file, srgb=self.srgb)
-        return load_image(file, srgb=self.srgb, orientation=self.orientations[index], clipped=True)[0]
+        return hold_image(file, srgb=self.srgb, orientation=self.orientations[index])
 
     def images(self) -> Iterable[Any]:
         """Read the photographs, one at a time."""
