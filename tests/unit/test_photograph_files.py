@@ -115,7 +115,7 @@ def test_what_is_held_as_it_is_stored_is_decoded_as_files_are_read(tmp_path, nam
         pytest.importorskip("OpenEXR")
     path = tmp_path / name
     image = np.random.default_rng(0).random((9, 7, channels))
-    ds.write_image(path, image, **({"bits": bits} if bits == 16 else {}))
+    ds.write_image(path, image, bits=16 if bits == 16 else None)
     files = photograph_files([path], srgb=None)
     held = files.hold(0)
     np.testing.assert_array_equal(held[:], ds.read_image(path))

@@ -176,7 +176,8 @@ def _refined(found: Exposures, rig: _Rig, first: Taught, error: Float[np.ndarray
     run = first.run.under(lighting_setup(lit(LightEstimates(rig.given, np.ones(every))), views), None)
     refined = refine(lit, views, run, first.sample, np.arange(every), stated, run.tiles.report_progress)
     directions, gain = refined.lamps
-    error = np.sqrt(refined.own[:, 2, 2] + refined.shared[:, 2, 2])
+    # what the model leaves out of a texel is alike over a photograph: it is no smaller for all of them
+    error = np.sqrt(refined.own[:, 2, 2] + refined.shared[:, 2, 2] + refined.misfit**2)
     return Exposures(found.factor * (gain / np.median(gain))[:, None], error, directions)
 
 
