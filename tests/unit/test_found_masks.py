@@ -72,6 +72,16 @@ def test_a_mask_that_touches_the_border_is_said():
     assert any("% of the picture's border" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("frame", [0.0, 0.05, 1.0])
+def test_a_picture_within_a_frame_is_said(frame):
+    """The whole picture stands out from the frame more than its object from the wall."""
+    images, inside = photographed((0.5, 0.4, 0.3), (0.4, 0.4, 0.4))
+    framed = [np.pad(image, ((12, 12), (12, 12), (0, 0)), constant_values=frame) for image in images]
+    found = find_mask(framed)
+    is_object = overlap(found.mask, np.pad(inside, 12)) > 0.8
+    assert is_object or any("rectangle" in note or "border" in note for note in found.notes)
+
+
 def test_what_is_no_object_is_refused():
     with pytest.raises(ValueError, match=r"no object was found before a background.* Draw a mask"):
         find_mask([np.zeros((60, 60))])

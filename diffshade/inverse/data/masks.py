@@ -92,7 +92,8 @@ def find_mask(images: Iterable[Any]) -> FoundMask:
     sure = "brightness" in agreeing and overlap(ways["brightness"], mask) > 1.0 - FAR_MORE * SLIGHT
     agreement = sum(like[best][:2]) / 2
     whole = bright if sure else resized(mask, brightest.shape)
-    notes = _suspicions(float(whole[ring(whole.shape, 1)].mean()), ways, agreement)
+    box = np.count_nonzero(whole.any(0)) * np.count_nonzero(whole.any(1))
+    notes = _suspicions(float(whole[ring(whole.shape, 1)].mean()), whole.sum() / max(box, 1), ways, agreement)
     return FoundMask(whole, ways, mask, pictures.mean(-1).max(0), agreeing, agreement, notes)
 
 
@@ -101,8 +102,8 @@ def overlap(one: Bool[np.ndarray, "h w"], other: Bool[np.ndarray, "h w"]) -> flo
     return float(np.sum(one & other) / max(np.sum(one | other), 1))
 
 
-def _suspicions(touching: float, ways: dict[str, np.ndarray], agreement: float) -> tuple[str, ...]:
-    """Return what is suspicious of a mask that has this share of the outermost pixels."""
+def _suspicions(touching: float, of_box: float, ways: dict[str, np.ndarray], agreement: float) -> tuple[str, ...]:
+    """Return what is suspicious of a mask that has these shares of the outermost pixels and of its own rectangle."""
     notes = []
     if agreement < 1.0 / CLEARLY:
         shares = listing([f"{name} {way.mean():.0%}" for name, way in ways.items()])
@@ -114,5 +115,10 @@ def _suspicions(touching: float, ways: dict[str, np.ndarray], agreement: float) 
         notes.append(
             f"the mask has {touching:.0%} of the picture's border, where an object seldom is: it may hold the "
             "background. Look at it, and draw another where it does."
+        )
+    if of_box > 1.0 - FAR_MORE * SLIGHT:
+        notes.append(
+            "the mask is an upright rectangle, as a picture within a frame or a mount is: if that is not the object, "
+            "crop the photographs, or draw a mask."
         )
     return tuple(notes)
