@@ -15,6 +15,7 @@ from ..core.backend import in_float64, jit_quickly
 from ..core.masks import Mask
 from ..core.robust_scale import UNIFORM, jackknife_error
 from ..core.thresholds import SMALL
+from ..io.lazy_images import row_tiles
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, Projection
 from ..model.surfaces import Sphere
 
@@ -285,11 +286,15 @@ def _far_camera(row: Numbers, column: Numbers, shape: tuple[int, ...], radius: f
 
 def _disc(ball: Ball) -> Mask:
     """Return the pixels whose rays meet the sphere."""
-    row, column = (index.ravel() + 0.5 for index in np.indices(ball.mask.shape))
-    o, d = rays(ball.projection, row, column)
-    to = np.asarray(ball.sphere.center) - o
-    t = (to * d).sum(-1)
-    return (((to**2).sum(-1) - t**2 < float(ball.sphere.radius) ** 2) & (t > 0)).reshape(ball.mask.shape)
+    disc = np.zeros_like(ball.mask)
+    for first, last in row_tiles(*disc.shape):  # a ray takes the memory of thirty samples
+        rows = disc[first:last]
+        row, column = (index.ravel() + 0.5 for index in np.indices(rows.shape))
+        o, d = rays(ball.projection, row + first, column)
+        to = np.asarray(ball.sphere.center) - o
+        t = (to * d).sum(-1)
+        rows[:] = (((to**2).sum(-1) - t**2 < float(ball.sphere.radius) ** 2) & (t > 0)).reshape(rows.shape)
+    return disc
 
 
 def _check_some(weight: Numbers) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from ..inverse.data.photographs import as_given
 from ..inverse.data.samples import top_of
 from ..inverse.data.views import as_image, check_floats
 from ..io.images import read_image, without_alpha
-from ..io.lazy_images import LazyImage
+from ..io.lazy_images import LazyImage, row_tiles
 from .balls import MIN_FRACTION, largest, roundness
 from .edges import ANGLES, disc, shrunk
 from .outlines import JUDGED, Outline, find_outline
@@ -147,7 +148,8 @@ def _outline(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -
     """Return the outline of a mirror ball, by a picture under room light where the folder has one."""
     total, small = np.zeros(images[0].shape[:2], np.float32), []
     for image in images:
-        grey = _grey(np.asarray(image[:], np.float32))
+        tiles = (image[first:last] for first, last in row_tiles(*total.shape))
+        grey = np.concatenate([_grey(np.asarray(tile, np.float32)) for tile in tiles])
         total += grey
         small.append(shrunk(grey, JUDGED)[0])
     rooms = []
@@ -230,7 +232,8 @@ def _round_piece(images: Sequence[Any]) -> Mask:
     Raises:
         ValueError: If no region is round.
     """
-    most = np.max([np.nan_to_num(np.asarray(image[:], np.float64).mean(-1), posinf=0.0) for image in images], 0)
+    greys = (np.nan_to_num(np.asarray(image[:], np.float64).mean(-1), posinf=0.0) for image in images)
+    most = functools.reduce(np.maximum, greys)
     pieces = [largest(most > level * float(np.quantile(most, 0.99))) for level in LEVELS]
     best = max(pieces, key=roundness)
     if roundness(best) < MIN_FRACTION:
