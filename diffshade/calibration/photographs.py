@@ -146,9 +146,10 @@ def _check_finite(name: str, image: Any, mask: Mask) -> None:
 
 def _outline(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> Outline:
     """Return the outline of a mirror ball, by a picture under room light where the folder has one."""
-    total, small = np.zeros(images[0].shape[:2], np.float32), []
+    height, width = images[0].shape[:2]
+    total, small = np.zeros((height, width), np.float32), []
     for image in images:
-        tiles = (image[first:last] for first, last in row_tiles(*total.shape))
+        tiles = (image[first:last] for first, last in row_tiles(height, width))
         grey = np.concatenate([_grey(np.asarray(tile, np.float32)) for tile in tiles])
         total += grey
         small.append(shrunk(grey, JUDGED)[0])

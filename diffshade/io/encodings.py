@@ -84,12 +84,10 @@ def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
     return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
-def brightened(
-    picture: Float[np.ndarray, "h w"], part: Float[np.ndarray, "..."] | None = None
-) -> Float[np.ndarray, "h w"]:
-    """Return the root of a picture over its bright parts, or those of a part of it: what is dark is seen too."""
+def brightened(picture: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Return the root of a picture over its bright parts: what is dark is seen too."""
     picture = np.nan_to_num(picture, posinf=0.0)
-    white = float(np.quantile(picture if part is None else np.nan_to_num(part, posinf=0.0), 0.99))
+    white = float(np.quantile(picture, 0.99))
     return np.sqrt(np.clip(picture / max(white, 1e-12), 0.0, 1.0))
 
 

@@ -228,7 +228,8 @@ def write_image(
     if _is_srgb(path, dtype, srgb):
         pixels = _on_colours(srgb_encode, pixels)
     if dtype.kind == "u":
-        pixels = np.rint(pixels * np.iinfo(dtype).max)
+        pixels *= np.iinfo(dtype).max  # in place: `_clip` made them
+        np.rint(pixels, out=pixels)
     with replacing(path) as temporary:
         save(temporary, pixels.astype(dtype))
 

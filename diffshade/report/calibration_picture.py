@@ -55,12 +55,13 @@ def _outline(axes: Any, found: Calibration, which: str) -> None:
     from matplotlib.patheffects import withStroke
 
     on_any = [withStroke(linewidth=1.5, foreground="black")]  # readable on a highlight as well as beside it
-    mean = np.mean([np.asarray(view.image[:], np.float64).mean(-1) for view in found.views], 0)
     centres, radii = np.array([b.middle for b in found.balls]), np.array([[b.radius] for b in found.balls])
     (left, top), (right, bottom) = (centres - MARGIN * radii).min(0), (centres + MARGIN * radii).max(0)
-    left, top, right, bottom = max(left, 0.0), max(top, 0.0), min(right, mean.shape[1]), min(bottom, mean.shape[0])
-    crop = mean[int(top) : int(np.ceil(bottom)), int(left) : int(np.ceil(right))]
-    axes.imshow(brightened(mean, crop), cmap="gray", extent=(0, mean.shape[1], mean.shape[0], 0))
+    height, width = found.camera.shape
+    left, top, right, bottom = max(left, 0.0), max(top, 0.0), min(right, width), min(bottom, height)
+    y0, y1, x0, x1 = int(top), int(np.ceil(bottom)), int(left), int(np.ceil(right))
+    mean = np.mean([np.asarray(view.image[y0:y1], np.float64)[:, x0:x1].mean(-1) for view in found.views], 0)
+    axes.imshow(brightened(mean), cmap="gray", extent=(x0, x1, y1, y0))
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     for ball in found.balls:
         column, row = ball.middle

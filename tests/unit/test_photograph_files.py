@@ -123,19 +123,41 @@ def test_what_is_held_as_it_is_stored_is_decoded_as_files_are_read(tmp_path, nam
     np.testing.assert_array_equal(files.read(0), ds.read_image(path))
 
 
+def photographs_of_a_mirror_ball(folder, shape):
+    """Six photographs of a dark ball in the middle, a light's highlight in each; its circle, and their files."""
+    row, column = np.mgrid[: shape[0], : shape[1]]
+    y, x, radius = shape[0] // 2, shape[1] // 2, shape[0] // 4
+    ball = np.hypot(row - y, column - x) < radius
+    for i, turned in enumerate((-3, -1, 1, 3, -2, 2)):
+        glint = np.hypot(row - y + radius // 8, column - x - turned * radius // 8) < radius / 12
+        ds.write_image(folder / f"{i}.png", np.repeat((ball * 0.1 + 0.8 * glint)[..., None], 3, -1))
+    return (x, y, radius), [folder / f"{i}.png" for i in range(6)]
+
+
 def test_photographs_of_a_mirror_ball_take_the_memory_of_their_files(tmp_path):
     """A byte for each sample; decoded, each photograph would take eight."""
-    row, column = np.mgrid[:300, :400]
-    ball = np.hypot(row - 150, column - 200) < 80
-    pictures = [ball * 0.1 + 0.8 * (np.hypot(row - 140, column - c) < 6) for c in (170, 190, 210, 230, 180, 220)]
-    for i, picture in enumerate(pictures):
-        ds.write_image(tmp_path / f"{i}.png", np.repeat(picture[..., None], 3, -1))
+    circle, files = photographs_of_a_mirror_ball(tmp_path, (300, 400))
     sizes = []
     for count in (2, 6):
         tracemalloc.start()
-        taken = gather([tmp_path / f"{i}.png" for i in range(count)], None, None, mirror=True, circle=(200, 150, 80))
+        taken = gather(files[:count], None, None, mirror=True, circle=circle)
         sizes.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
         assert len(taken.images) == count
     each = (sizes[1] - sizes[0]) / 4
     assert 0.9 < each / (300 * 400 * 3) < 1.2
+
+
+@pytest.mark.thorough
+def test_a_calibration_holds_no_photograph_decoded(tmp_path):
+    """One photograph alone takes 24 bytes a pixel when it is decoded, and the rays of its pixels 100."""
+    for scale in (1, 8):  # the first for what is imported and compiled
+        height, width = 120 * scale, 160 * scale
+        circle, files = photographs_of_a_mirror_ball(tmp_path, (height, width))
+        if scale > 1:
+            tracemalloc.start()
+        found = ds.lights.calibrate(files[:3], ball="mirror")
+        np.testing.assert_allclose(found.balls[0].radius, circle[2], atol=1.0)
+    peak = tracemalloc.get_traced_memory()[1] / (height * width)
+    tracemalloc.stop()
+    assert peak < 60.0
