@@ -33,7 +33,7 @@ from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .lighting import LightErrors
 from .lights.exposures import Taught, found_exposures
-from .lights.level import undone_level
+from .lights.level import darker, found_level
 from .lights.shifts import undone_shifts
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
@@ -220,11 +220,12 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     run = RobustRun(
         each.setup, each.known, loss or "cauchy", regions, tiles, neighbours=neighbours, light_error=light_error
     )
-    taught, exposures, on_lights = Taught(run, run.learn(sample), sample), None, ()
+    taught, exposures, level, on_lights = Taught(run, run.learn(sample), sample), None, 0.0, ()
     if other is None and match_exposures:
-        darker, taught, on_level = undone_level(scene, views, taught)
-        if darker is not views:
-            views, each = darker, TexelRun(scene, darker, free, "squares", regions, tiles)
+        level, taught, on_level = found_level(scene, views, taught)
+        if level > 0.0:
+            views = darker(views, level)
+            each = TexelRun(scene, views, free, "squares", regions, tiles)
         exposures, taught, on_lights = found_exposures(scene, views, taught, light_error)
         on_lights = (*on_level, *on_lights)
     if other is None and not any(note.kind == "disagrees" for note in on_lights):
@@ -235,7 +236,7 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     by_itself = may_be_own and own_exponents_predict_better(*taught, each.setup.lobe, each.estimates)
     maps = each.maps(lights, notes) if by_itself else run.maps(models, sample, notes)
     as_given = eqx.tree_at(lambda of: of.lights, maps.scene, scene.lights)
-    return dataclasses.replace(maps, scene=as_given, exposures=exposures, shifts=shifts)
+    return dataclasses.replace(maps, scene=as_given, exposures=exposures, shifts=shifts, black=level)
 
 
 def _lacks_a_channel(scene: Scene, views: Sequence[View]) -> bool:

@@ -107,6 +107,7 @@ def _maps(folder: Path, about: dict[str, Any], scene: Any, camera: Any) -> Texel
         _sensor(about["sensor"]) if "sensor" in about else None,
         _exposures(about["exposures"]) if "exposures" in about else None,
         _shifts(about["shifts"]) if "shifts" in about else None,
+        float(about.get("black", 0.0)),
     )
 
 

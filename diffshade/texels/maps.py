@@ -101,6 +101,7 @@ class TexelMaps:
         sensor: What the camera of all photographs did to the light; None where the views had no `Sensor`, or several.
         exposures: How much more each photograph shows than its exposure says, which was undone; None where it was not.
         shifts: How far each photograph is moved in the picture, and which were moved back; None where none was.
+        black: What all photographs show beside the object's light, a black level or haze, which was taken off.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -116,6 +117,7 @@ class TexelMaps:
     sensor: Sensor | None = None
     exposures: Exposures | None = None
     shifts: Shifts | None = None
+    black: float = 0.0
 
     STATUS = STATUS
 
@@ -181,7 +183,7 @@ class TexelMaps:
         return np.where((self.status != OUTSIDE)[..., None], image, 0.0)
 
     def predict(self, view: View) -> Prediction:
-        """Return a photograph, linear, beside what `shade` says it should be: exposure * radiance + black.
+        """Return a photograph, linear, beside what `shade` says it should be: exposure * radiance + both `black`.
 
         Args:
             view: A photograph by the camera of the fit, under lights of its scene; its sensor is undone.
@@ -200,7 +202,7 @@ class TexelMaps:
                 f"{name} must have the shape of the maps, {self.status.shape}; got {view.camera.shape}. Give "
                 "photographs by the camera of the fit."
             )
-        return prediction_of(view, self.shade(lit=view.lit), self.status != OUTSIDE)
+        return prediction_of(view, self.shade(lit=view.lit), self.status != OUTSIDE, self.black)
 
     def relative_errors(self, views: Sequence[View] | View) -> Float[np.ndarray, " views"]:
         r"""Return how far `shade` is from photographs, such as ones that were left out of the fit.
@@ -216,8 +218,8 @@ class TexelMaps:
         Raises:
             ValueError: A view has another shape than the maps, or its `lit` is not an index of a light.
         """
-        views = (views,) if isinstance(views, View) else views
-        return np.array([relative_error(self._predict(v, f"views[{i}]"), float(v.black)) for i, v in enumerate(views)])
+        seen = [(self._predict(v, f"views[{i}]"), float(v.black) + self.black) for i, v in enumerate(as_tuple(views))]
+        return np.array([relative_error(*of) for of in seen])
 
     def as_scene(self) -> Scene:
         """Return the scene of the fit with the maps as its material, for `render` by the camera of the fit.
@@ -321,9 +323,8 @@ class TexelMaps:
         Returns:
             The paths of the files.
         """
-        written = [folder / STATUS_PICTURE]
-        write_image(written[0], self.status[..., None] / 255.0, srgb=False)
-        written += write_scene(folder / SCENE, self.scene, camera=self.camera)
+        write_image(folder / STATUS_PICTURE, self.status[..., None] / 255.0, srgb=False)
+        written = [folder / STATUS_PICTURE, *write_scene(folder / SCENE, self.scene, camera=self.camera)]
         units = {name: UNITS[name] for name in self.values}
         units |= {f"{name}_error": "degrees" if name == "normal" else f"those of {name}" for name in self.values}
         about: dict[str, object] = {
@@ -346,8 +347,8 @@ class TexelMaps:
             given = self.unexplained.interpolation
             about["unexplained"] = {"width": float(given.width)}
             written.append(write_numbers(folder / LIGHTS, np.hstack([given.toward, given.taken.T, given.given])))
-        about |= {"notes": [str(note) for note in self.notes]} if self.notes else {}
-        about |= {"scale": dict(scales)} if scales else {}
+        optional = {"notes": [str(note) for note in self.notes], "scale": dict(scales or {}), "black": self.black}
+        about |= {name: of for name, of in optional.items() if of}
         if self.sensor is not None:
             about["sensor"] = {".".join(map(str, keys)): float(value) for keys, value, _ in quantities(self.sensor)}
         for name, of in (("exposures", self.exposures), ("shifts", self.shifts)):

@@ -12,14 +12,19 @@ from ..inverse.result import Prediction
 from ..io.images import without_alpha
 
 
-def prediction_of(view: View, radiance: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Prediction:
-    """Return a photograph without its sensor and, inside its mask and alpha channel and the maps, what it should be."""
+def prediction_of(
+    view: View, radiance: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"], black: float
+) -> Prediction:
+    """Return a photograph without its sensor and, inside its mask and alpha channel and the maps, what it should be.
+
+    `black` is what it shows beside the radiance and its own black.
+    """
     view = developed(view)
     image = np.asarray(view.image, np.float64)
     counts = inside & kept(view, image)
     target = without_alpha(image)
     radiance = radiance.mean(-1, keepdims=True) if is_grey(view) else radiance
-    expected = np.where(counts[..., None], float(view.exposure) * radiance + float(view.black), target)
+    expected = np.where(counts[..., None], float(view.exposure) * radiance + float(view.black) + black, target)
     return Prediction(target, expected, np.broadcast_to(counts[..., None], target.shape))
 
 

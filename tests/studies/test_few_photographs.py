@@ -87,7 +87,7 @@ def levels_of(maps: ds.TexelMaps) -> list[str]:
 
 
 @pytest.mark.thorough
-def test_a_level_that_all_photographs_share_is_told_and_undone():
+def test_a_level_that_all_photographs_share_is_told_and_undone(tmp_path):
     of = bumpy("glossy", 12, 50.0)
     hazy = [dataclasses.replace(view, image=np.asarray(view.image) + 0.01) for view in of.views]
     right, undone = (ds.fit_texels(of.scene, views, free=FREE) for views in (of.views, hazy))
@@ -96,6 +96,9 @@ def test_a_level_that_all_photographs_share_is_told_and_undone():
     assert "show 0.01 where no light reaches" in note
     np.testing.assert_allclose(undone.values["normal"], right.values["normal"], atol=1e-3)
     np.testing.assert_allclose(undone.errors["normal"][of.mask], right.errors["normal"][of.mask], rtol=0.05)
+    np.testing.assert_allclose(undone.relative_errors(hazy), right.relative_errors(of.views), rtol=0.05)
+    undone.write(tmp_path)
+    assert ds.read_maps(tmp_path).black == undone.black == pytest.approx(0.01, rel=0.02)
 
 
 @pytest.mark.thorough

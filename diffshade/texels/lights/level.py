@@ -21,10 +21,15 @@ from ..robust.learning import MIN_SAMPLES
 from .exposures import Taught
 
 
-def undone_level(scene: Scene, views: Sequence[View], first: Taught) -> tuple[Sequence[View], Taught, tuple[Note, ...]]:
-    """Return the views with a level that they share taken off as black, what they teach then, and a note.
+def darker(views: Sequence[View], level: float) -> list[View]:
+    """Return views of which a level is black."""
+    return [dataclasses.replace(view, black=float(view.black) + level) for view in views]
 
-    The views, and what was taught first, where there is none, or where the texels agree no better without it.
+
+def found_level(scene: Scene, views: Sequence[View], first: Taught) -> tuple[float, Taught, tuple[Note, ...]]:
+    """Return the level that all photographs share, what they teach with it taken off, and a note.
+
+    0, and what was taught first, where there is none, or where the texels agree no better without it.
 
     Args:
         scene: One object and its lights.
@@ -35,18 +40,17 @@ def undone_level(scene: Scene, views: Sequence[View], first: Taught) -> tuple[Se
     seen = sample.target.mean(1) - black[:, None]
     in_shadow = sample.counts & ~np.asarray(first.run.sample_at_minimum(sample, first.models[0]).lit)
     if in_shadow.sum() < MIN_SAMPLES:
-        return views, first, ()
+        return 0.0, first, ()
     level, typical = float(np.quantile(seen[in_shadow], SLIGHT)), float(np.median(seen[sample.counts]))
     if not NEGLIGIBLE * typical < level < BLACK * typical:
-        return views, first, ()
-    darker = [dataclasses.replace(view, black=of + level) for view, of in zip(views, black, strict=True)]
-    run = first.run.under(lighting_setup(scene, darker), first.run.light_error)
+        return 0.0, first, ()
+    run = first.run.under(lighting_setup(scene, darker(views, level)), first.run.light_error)
     misfit = Taught(run, run.learn(sample, first.models[0].assumed), sample).misfit
     if not misfit < first.misfit:
-        return views, first, ()
+        return 0.0, first, ()
     text = (
         f"all photographs show {level:.2g} where no light reaches the object, {level / typical:.1%} of what it "
         "typically shows: a black level or haze. It is taken off, for the texels then agree better (their misfit is "
         f"{misfit:.2%}, and was {first.misfit:.2%}); match_exposures=False, or --no-exposure, leaves it."
     )
-    return darker, Taught(run, run.learn(sample), sample), (Note(text, "black"),)  # other things may be assumed now
+    return level, Taught(run, run.learn(sample), sample), (Note(text, "black"),)  # other things may be assumed now
