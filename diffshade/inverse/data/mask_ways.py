@@ -41,10 +41,11 @@ def ring(shape: tuple[int, ...], wide: int) -> Bool[np.ndarray, "h w"]:
 
 def is_possible(mask: np.ndarray) -> bool:
     """Return whether a mask can be an object's: not nearly nothing or all, nor most of the border."""
-    return bool(LEAST < mask.mean() < 1.0 - MINOR and mask[_border(mask.shape)].mean() < MOST)
+    return bool(LEAST < mask.mean() < 1.0 - MINOR and mask[border_of(mask.shape)].mean() < MOST)
 
 
-def _border(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+def border_of(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    """Return the outer twentieth of a picture, all around."""
     return ring(shape, max(2, round(MINOR * min(shape[:2]))))
 
 
@@ -78,7 +79,7 @@ def _logarithms(pictures: np.ndarray) -> np.ndarray:
 def _colour(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
     """Return what is unlike nine tenths of the border's colours, shadows left out."""
     colours = np.quantile(_logarithms(pictures), LIT, axis=0)
-    border = colours[_border(colours.shape)]
+    border = colours[border_of(colours.shape)]
     border = border[:: max(1, len(border) // SIDE)]
     nearest = max(2, round(SMALL * len(border)))
     far = scipy.spatial.KDTree(border).query(colours.reshape(-1, colours.shape[-1]), k=nearest)[0][:, -1]
@@ -88,7 +89,7 @@ def _colour(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
 def _shading(pictures: Float[np.ndarray, "n h w c"]) -> Bool[np.ndarray, "h w"]:
     """Return where brightness changes otherwise with the light than on most of the border, where it is lit."""
     logs = _logarithms(pictures.mean(-1))
-    border = logs[:, _border(logs.shape[1:])]
+    border = logs[:, border_of(logs.shape[1:])]
     of = logs - np.median(border - np.quantile(border, LIT, axis=0), 1)[:, None, None]
     lit = of > np.quantile(of, LIT, axis=0) - np.log(FAR_MORE)
     spread = np.where(lit.sum(0) > 2, np.std(of, 0, where=lit), 0.0)

@@ -61,7 +61,7 @@ def find_mask(images: Iterable[Any]) -> FoundMask:
         ImportError: OpenCV is not installed.
     """
     check_extra("photographs", "cannot find an object in photographs", "cv2")
-    from .mask_ways import WAYS, brighter, is_possible, largest, resized, ring, shrunk
+    from .mask_ways import WAYS, border_of, brighter, is_possible, largest, resized, ring, shrunk
 
     brightest, small = None, []
     for image in images:  # one at a time
@@ -92,8 +92,9 @@ def find_mask(images: Iterable[Any]) -> FoundMask:
     sure = "brightness" in agreeing and overlap(ways["brightness"], mask) > 1.0 - FAR_MORE * SLIGHT
     agreement = sum(like[best][:2]) / 2
     whole = bright if sure else resized(mask, brightest.shape)
-    box = np.count_nonzero(whole.any(0)) * np.count_nonzero(whole.any(1))
-    notes = _suspicions(float(whole[ring(whole.shape, 1)].mean()), whole.sum() / max(box, 1), ways, agreement)
+    box = whole[whole.any(1)][:, whole.any(0)]
+    straight = float(box[border_of(box.shape)].mean()) if box.size else 0.0
+    notes = _suspicions(float(whole[ring(whole.shape, 1)].mean()), straight, ways, agreement)
     return FoundMask(whole, ways, mask, pictures.mean(-1).max(0), agreeing, agreement, notes)
 
 
@@ -102,8 +103,8 @@ def overlap(one: Bool[np.ndarray, "h w"], other: Bool[np.ndarray, "h w"]) -> flo
     return float(np.sum(one & other) / max(np.sum(one | other), 1))
 
 
-def _suspicions(touching: float, of_box: float, ways: dict[str, np.ndarray], agreement: float) -> tuple[str, ...]:
-    """Return what is suspicious of a mask that has these shares of the outermost pixels and of its own rectangle."""
+def _suspicions(touching: float, straight: float, ways: dict[str, np.ndarray], agreement: float) -> tuple[str, ...]:
+    """Return what is suspicious of a mask that has these shares of the picture's border and of its own rectangle's."""
     notes = []
     if agreement < 1.0 / CLEARLY:
         shares = listing([f"{name} {way.mean():.0%}" for name, way in ways.items()])
@@ -116,9 +117,9 @@ def _suspicions(touching: float, of_box: float, ways: dict[str, np.ndarray], agr
             f"the mask has {touching:.0%} of the picture's border, where an object seldom is: it may hold the "
             "background. Look at it, and draw another where it does."
         )
-    if of_box > 1.0 - FAR_MORE * SLIGHT:
+    if straight > MOST:
         notes.append(
-            "the mask is an upright rectangle, as a picture within a frame or a mount is: if that is not the object, "
-            "crop the photographs, or draw a mask."
+            f"the mask has {straight:.0%} of the border of an upright rectangle, as a picture within a frame or a mount "
+            "has: if that is not the object, crop the photographs, or draw a mask."
         )
     return tuple(notes)
