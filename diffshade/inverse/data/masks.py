@@ -119,7 +119,7 @@ def _suspicions(touching: float, straight: float, ways: dict[str, np.ndarray], a
         )
     if straight > MOST:
         notes.append(
-            f"the mask has {straight:.0%} of the border of an upright rectangle, as a picture within a frame or a mount "
-            "has: if that is not the object, crop the photographs, or draw a mask."
+            f"the mask has {straight:.0%} of the border of an upright rectangle, as a picture within a frame or a "
+            "mount has: if that is not the object, crop the photographs, or draw a mask."
         )
     return tuple(notes)
