@@ -69,7 +69,7 @@ def by_fit(taken: Photographs, ball: Ball, report_progress: Callable[[str], None
     report_progress("shading")
     shaded = find_lamps(sample_ball(taken, ball)[2], "any").direction
     scene = Scene(Object(ball.sphere, Material()), [DirectionalLight(-l) for l in shaded])
-    views = [View(view.image, ball.camera, ball.mask, lit=view.lit) for view in views_of(taken, (ball,))]
+    views = list(views_of(taken.images, (ball,)))
     priors = pose_priors(ball)
     report_progress("pose, light and material")
     found = _fit_ball(scene, views, priors)
@@ -142,7 +142,7 @@ def _as_calibration(taken: Photographs, ball: Ball, found: BallFit) -> Calibrati
         names=taken.names,
         balls=(ball,),
         scene=scene,
-        views=found.fit.views,
+        images=taken.images,
         directions=_directions(scene),
         errors=found.direction_errors,
         intensities=np.array([np.asarray(light.intensity) for light in scene.lights]),  # pyright: ignore[reportAttributeAccessIssue]

@@ -16,7 +16,7 @@ from ..model.scenes import Object, Scene
 from .balls import MIN_N_V, Ball
 from .laws import LAWS, PhotographLights, Shading, find_lamps
 from .photographs import Photographs
-from .result import Calibration, degrees, views_of
+from .result import Calibration, degrees
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
@@ -70,7 +70,7 @@ def by_shading(
         names=taken.names,
         balls=(ball,),
         scene=Scene(Object(ball.sphere, Material(k_d=1.0)), lights),
-        views=views_of(taken, (ball,)),
+        images=taken.images,
         directions=lamps.direction,
         errors=errors,
         intensities=intensities,

@@ -13,7 +13,7 @@ from ..model.scenes import Object, Scene
 from .balls import Ball
 from .highlights import Glint, find_glint, find_position
 from .photographs import Photographs
-from .result import Calibration, views_of
+from .result import Calibration
 
 SECOND = 0.3  # a second highlight with more than this fraction of the brightest one's light is reported
 
@@ -62,7 +62,7 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Cal
         names=taken.names,
         balls=balls,
         scene=Scene(objects, lights),
-        views=views_of(taken, balls),
+        images=taken.images,
         directions=directions,
         errors=errors,
         positions=positions,

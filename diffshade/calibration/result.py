@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +20,11 @@ from ..inverse.result import Fit
 from ..io.arrays import write_array
 from ..io.files import write_file
 from ..io.images import write_image
+from ..io.lazy_images import HeldImage
 from ..io.scene_files import write_scene
 from ..model.cameras import AbstractCamera, OrthographicCamera
 from ..model.scenes import Scene
 from .balls import Ball
-from .photographs import Photographs
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
@@ -41,8 +43,8 @@ class Calibration:
     """The ball, or the balls, as found in the photographs."""
     scene: Scene = field(repr=False)
     """The ball, with k_d 1 or as fitted, and a light for each photograph."""
-    views: tuple[View, ...] = field(repr=False)
-    """The photographs; only light i is on in photograph i."""
+    images: tuple[Any, ...] = field(repr=False)
+    """The photographs, read by rows: `image[r0:r1]`; those of a mirror ball are held as their files store them."""
     directions: Vectors
     """Unit vectors *towards* the light of each photograph."""
     errors: Float[np.ndarray, " photographs"]
@@ -69,10 +71,15 @@ class Calibration:
         """The error of each direction about each axis, degrees, for `fit` and `fit_texels(..., light_error=)`."""
         return self.errors / np.sqrt(2.0)
 
+    @cached_property
+    def views(self) -> tuple[View, ...]:
+        """The photographs, decoded; only light i is on in photograph i."""
+        return views_of(self.images, self.balls)
+
     @property
     def camera(self) -> AbstractCamera:
         """The camera of all the photographs."""
-        return self.views[0].camera
+        return self.balls[0].camera
 
     @property
     def normals(self) -> Float[np.ndarray, "h w 3"]:
@@ -129,8 +136,8 @@ class Calibration:
         folder = check_folder(folder)
         clear_folder(folder)
         names = [
-            write_photograph(folder, f"{i:03d}", np.asarray(view.image[:], np.float64))
-            for i, view in enumerate(self.views)
+            write_photograph(folder, f"{i:03d}", np.asarray(image[:], np.float64))
+            for i, image in enumerate(self.images)
         ]
         write_image(
             folder / "mask.png", np.logical_or.reduce([ball.mask for ball in self.balls])[..., None] * 1.0, srgb=False
@@ -214,10 +221,12 @@ def check_folder(folder: str | Path) -> Path:
     return folder
 
 
-def views_of(taken: Photographs, balls: tuple[Ball, ...]) -> tuple[View, ...]:
+def views_of(images: Sequence[Any], balls: tuple[Ball, ...]) -> tuple[View, ...]:
     """Return a view for each photograph, masked to the balls and with its own light on."""
     mask = np.logical_or.reduce([ball.mask for ball in balls])
-    return tuple(View(image, balls[0].camera, mask, lit=(i,)) for i, image in enumerate(taken.images))
+    # to a view, a lazy image is one that is not in memory: what is held is decoded
+    whole = (image[:] if isinstance(image, HeldImage) else image for image in images)
+    return tuple(View(image, balls[0].camera, mask, lit=(i,)) for i, image in enumerate(whole))
 
 
 def degrees(a: Vectors, b: Vectors) -> Float[np.ndarray, " photographs"]:

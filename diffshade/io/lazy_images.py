@@ -66,7 +66,7 @@ class LazyImage:
         Returns:
             The colours, also read by rows.
         """
-        return LazyImage(partial(_colours, self), (*self.shape[:2], self.shape[2] - 1), self.dtype)
+        return type(self)(partial(_colours, self), (*self.shape[:2], self.shape[2] - 1), self.dtype)
 
     def tiles(self) -> Iterator[tuple[int, Float[np.ndarray, "r w c"]]]:
         """Read the image from top to bottom, tile by tile.
@@ -96,6 +96,10 @@ class LazyImage:
                 first, last = int(row[these[0]]), int(row[these[-1]]) + 1
                 out[these] = self[first:last][row[these] - first, column[these]]
         return out
+
+
+class HeldImage(LazyImage):
+    """An image that is in memory as its file stores it, and whose rows are decoded when they are asked for."""
 
 
 def sliced(array: Any, first: int, last: int) -> Any:
@@ -159,8 +163,8 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
     return LazyImage(read, shape, read(0, 0).dtype)
 
 
-def hold_image(path: Path, *, srgb: bool | None, orientation: int | None = None) -> LazyImage:
-    """Read an image, and hold it as it is stored: its rows are decoded when they are asked for.
+def hold_image(path: Path, *, srgb: bool | None, orientation: int | None = None) -> HeldImage:
+    """Read an image, and hold it as it is stored.
 
     Integers then take an eighth or a quarter of the memory of `load_image`, whose numbers these are (clipped=True).
 
@@ -171,7 +175,7 @@ def hold_image(path: Path, *, srgb: bool | None, orientation: int | None = None)
     """
     stored = np.ascontiguousarray(load_stored(path, orientation=orientation))
     encoding = numbers_read_as(path, stored.dtype, srgb).encoding
-    return LazyImage(partial(_held, path, stored, encoding), stored.shape, np.float64)
+    return HeldImage(partial(_held, path, stored, encoding), stored.shape, np.float64)
 
 
 def _held(path: Path, stored: np.ndarray, encoding: Encoding, first: int, last: int) -> np.ndarray:

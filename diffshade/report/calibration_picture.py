@@ -60,7 +60,7 @@ def _outline(axes: Any, found: Calibration, which: str) -> None:
     height, width = found.camera.shape
     left, top, right, bottom = max(left, 0.0), max(top, 0.0), min(right, width), min(bottom, height)
     y0, y1, x0, x1 = int(top), int(np.ceil(bottom)), int(left), int(np.ceil(right))
-    mean = np.mean([np.asarray(view.image[y0:y1], np.float64)[:, x0:x1].mean(-1) for view in found.views], 0)
+    mean = np.mean([np.asarray(image[y0:y1], np.float64)[:, x0:x1].mean(-1) for image in found.images], 0)
     axes.imshow(brightened(mean), cmap="gray", extent=(x0, x1, y1, y0))
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     for ball in found.balls:

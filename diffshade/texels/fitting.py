@@ -131,8 +131,8 @@ def fit_texels(
         match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
             are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
             is done where twelve photographs or more show it, by 15 % in one of them or 5 % in a colour; a note says so.
-            And whether what all photographs show where the object is darkest, a black level or haze, is taken off,
-            where the texels then agree better with each other.
+            And whether what all photographs show where no light reaches the object, a black level or haze, is taken
+            off if the texels then agree better with their model.
         align: Whether photographs that are shifted in the picture, as by a hand, are moved back, where all texels share
             a highlight and each photograph has a light of its own. It is done where eight photographs or more show it,
             by half a pixel and three errors; a note says so. Masks stay where they are.

@@ -161,3 +161,4 @@ def test_a_calibration_holds_no_photograph_decoded(tmp_path):
     peak = tracemalloc.get_traced_memory()[1] / (height * width)
     tracemalloc.stop()
     assert peak < 60.0
+    assert all(isinstance(view.image, np.ndarray) for view in found.views)  # a fit takes them for no lazy images

@@ -22,7 +22,7 @@ from .exposures import Taught
 
 
 def darker(views: Sequence[View], level: float) -> list[View]:
-    """Return views of which a level is black."""
+    """Return views whose black is higher by a level."""
     return [dataclasses.replace(view, black=float(view.black) + level) for view in views]
 
 
