@@ -72,9 +72,15 @@ def find_clusters(fit: Fit) -> Clusters:
 
 
 def residual_images(fit: Fit) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
-    """Return for each view the residuals, summed over the channels, and the pixels that count."""
+    """Return for each view the residuals, summed over the channels, and the pixels that count.
+
+    A residual that rounding to float32 alone could make is 0: a render without noise leaves such, which are alike over
+    wide areas and say nothing of the model.
+    """
     predictions = [fit.predict(view) for view in fit.views]
-    return [p.difference.sum(-1) for p in predictions], [np.all(p.counts, -1) for p in predictions]
+    rounding = float(np.finfo(np.float32).eps)
+    differences = [np.where(np.abs(p.difference) > rounding * np.abs(p.image), p.difference, 0.0) for p in predictions]
+    return [d.sum(-1) for d in differences], [np.all(p.counts, -1) for p in predictions]
 
 
 def correlation_length(

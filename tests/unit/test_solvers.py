@@ -229,6 +229,30 @@ def test_a_start_that_is_not_finite_is_an_error_in_one_sentence():
     refuses(lambda: ds.fit(scene, views, free=FREE, tied=TIED), "not finite", error=FloatingPointError)
 
 
+X = np.linspace(0.0, 2.0, 40)
+DECAY = 2.0 * np.exp(-1.3 * X) + 0.05 * np.random.default_rng(0).standard_normal(40)
+
+
+def decay(y, args):
+    def left(y):
+        return y[0] * jnp.exp(-y[1] * X) - DECAY
+
+    r, J = left(y), jax.jacfwd(left)(y)
+    return one_view(y, 0.5 * r @ r, J.T @ r, J.T @ J)
+
+
+def test_the_last_step_ends_at_the_minimum_though_no_pass_confirms_it():
+    solver = within(jnp.asarray(-FAR), jnp.asarray(FAR))
+    solution = optx.minimise(decay, solver, jnp.array([1.0, 1.0]), has_aux=True, max_steps=50)
+    best = scipy.optimize.least_squares(lambda y: y[0] * np.exp(-y[1] * X) - DECAY, [1.0, 1.0], xtol=1e-15, ftol=1e-15)
+    error = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)) * 2 * best.cost / 38)
+    np.testing.assert_allclose(solution.value, best.x, rtol=0, atol=3e-6 * error.min())
+    np.testing.assert_allclose(solution.stats["cost"], best.cost, rtol=1e-12)
+    _, at = decay(solution.value, None)
+    np.testing.assert_allclose(solution.aux.total.hessian.whole, at.total.hessian.whole, rtol=1e-4)
+    assert not np.array_equal(solution.aux.total.hessian.whole, at.total.hessian.whole)  # that of the pass before
+
+
 def test_a_solver_that_runs_out_of_steps_says_so():
     solver = within(jnp.asarray(-FAR), jnp.asarray(FAR))
     solution = optx.minimise(quartic, solver, jnp.array([1e15, 1e15]), has_aux=True, max_steps=3, throw=False)

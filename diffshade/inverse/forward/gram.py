@@ -119,6 +119,13 @@ class Point(eqx.Module):
     total: Gram
     views: ByView
 
+    def moved(self, step: Float[Array, " p"]) -> Point:
+        """Return the point after a step too small for a pass: the quadratic model moves, each view's part stays."""
+        of = self.total
+        slope = of.hessian.times(step)
+        cost = of.cost + of.gradient @ step + 0.5 * step @ slope
+        return Point(self.theta + step, Gram(cost, of.gradient + slope, of.hessian), self.views)
+
 
 def directions_of(
     shown: Int[Array, "views most"] | None, view: Int[Array, ""], p: int

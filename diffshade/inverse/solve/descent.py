@@ -130,6 +130,7 @@ class State(eqx.Module):
     result: Any
     rejected: Int[Array, ""]  # steps since the last accepted one
     unseen: Int[Array, ""]  # steps whose gain is below rounding
+    gain: Scalar  # that the last step predicted, 0 before the first
     steps: Int[Array, ""]
 
 
@@ -137,8 +138,9 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
     """Levenberg-Marquardt for a function that returns its cost and, beside it, a `Point`: one pass a step.
 
     optimistix's own keeps the whole Jacobian. The point may be elsewhere than where the function was asked: at better
-    linear unknowns. Stops when the decrease that a Newton step predicts is below `rtol` of the cost (plus `atol`), or
-    when rounding leaves no step that lowers it; `stalls` is the rule of a caller that knows the costs so far.
+    linear unknowns. Stops after a step, which no pass confirms, when the next one would lower the cost by less than
+    `rtol` of it (plus `atol`), if steps go on to shrink as they do; or when rounding leaves no step that lowers it.
+    `stalls` is the rule of a caller that knows the costs so far.
     """
 
     descent: optx.AbstractDescent
@@ -162,6 +164,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
             result=optx.RESULTS.successful,
             rejected=jnp.array(0),
             unseen=jnp.array(0),
+            gain=jnp.zeros_like(cost),
             steps=jnp.array(0),
         )
 
@@ -180,14 +183,17 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         rejected = jnp.where(accept, 0, state.rejected + 1)
 
         predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.times(dy))
-        small = (predicted <= self.rtol * cost + self.atol) & (step_size >= 1.0)
+        last = jnp.where(accept, jnp.maximum(state.gain, predicted), predicted)  # 0 before the first step
+        following = predicted**2 / jnp.where(last > 0, last, 1.0)
+        small = (following <= self.rtol * cost + self.atol) & (step_size >= 1.0)
         rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
         below = jnp.maximum(8 * jnp.finfo(cost.dtype).eps * cost, self.rounding)
         unseen = jnp.where(predicted <= below, state.unseen + 1, 0)
+        point = jax.tree.map(partial(jnp.where, small), point.moved(dy), point)
         state = State(
             first=jnp.array(False),
             y_eval=y + dy,
-            cost=cost,
+            cost=point.total.cost,
             point=point,
             search=search,
             descent=descent,
@@ -195,9 +201,10 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
             result=optx.RESULTS.where(finite, result, optx.RESULTS.nonfinite),
             rejected=rejected,
             unseen=unseen,
+            gain=predicted,
             steps=state.steps + 1,
         )
-        return y, state, point
+        return point.theta, state, point
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], Any]:
         return state.done, state.result
