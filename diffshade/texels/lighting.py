@@ -25,6 +25,8 @@ class LightErrors(NamedTuple):
     """A root of the covariance of the unit vector to it."""
     brightness: Float[np.ndarray, " views"]
     """Relative standard deviation."""
+    alike: Float[np.ndarray, "patterns views"] | None = None
+    """Relative changes of the brightness that all views share, each of standard deviation 1; None where there is none."""
 
 
 class Exposures(NamedTuple):

@@ -129,9 +129,15 @@ def _taught_with(found: Exposures, rig: _Rig, first: Taught, light_error: LightE
 
 
 def _errors_with(found: Exposures, light_error: LightErrors | None) -> LightErrors:
-    """Return how well the lights are known with these exposures: their directions to a degree, if nothing is said."""
+    """Return how well the lights are known with these exposures: their directions to a degree, if nothing is said.
+
+    What a model leaves out is alike under lights that are near each other, and so are the exposures' errors by it. They
+    are taken to change linearly with the light's direction, each of three ways as likely, which turns all normals.
+    """
     each = np.broadcast_to(DEGREE * np.eye(3), (len(found.error), 3, 3))
-    return LightErrors(each if light_error is None else light_error.direction, found.error)
+    apart = np.linalg.svd(found.directions - found.directions.mean(0), full_matrices=False)[0]
+    alike = found.error * apart.T * np.sqrt(len(apart) / 3.0)
+    return LightErrors(each if light_error is None else light_error.direction, found.error, alike)
 
 
 def _of_directions(found: Exposures, light_error: LightErrors | None) -> Float[np.ndarray, " views"]:

@@ -190,7 +190,8 @@ def _by_lights(
         return state.k_d[None] * D + state.k_s[None] * S
 
     whole = jax.tree.map(lambda c: jnp.broadcast_to(c, jnp.broadcast_shapes(c.shape, state.k_d.shape)), lights.l)
-    changes = [shown(whole) * jnp.asarray(light_error.brightness, whole.x.dtype)[:, None]]
+    as_said = shown(whole)
+    changes = [as_said * jnp.asarray(light_error.brightness, whole.x.dtype)[:, None]]
     for column in range(3):
         root = light_error.direction[:, :, column]
         error = Vec3(*(jnp.asarray(root[:, i], whole.x.dtype)[:, None, None] for i in range(3)))
@@ -200,7 +201,12 @@ def _by_lights(
     B = [[jnp.sum(pull * J[i] * J[j], 0) for j in range(4)] for i in range(4)]
     columns = [solve(A, [row[j] for row in B]) for j in range(4)]  # A^-1 B
     rows = [solve(A, [columns[j][i] for j in range(4)]) for i in range(2)]  # its first two rows, times A^-1
-    return jnp.sqrt(jnp.maximum(rows[0][0] + rows[1][1], 0.0) / 2.0)
+    squares = jnp.maximum(rows[0][0] + rows[1][1], 0.0)
+    for pattern in () if light_error.alike is None else light_error.alike:
+        change = weight * as_said * jnp.asarray(pattern, whole.x.dtype)[:, None]
+        turn = solve(A, [jnp.sum(column * change, 0) for column in J])
+        squares += turn[0] ** 2 + turn[1] ** 2
+    return jnp.sqrt(squares / 2.0)
 
 
 class Reflectances(NamedTuple):
