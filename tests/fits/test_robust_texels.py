@@ -312,7 +312,7 @@ def test_a_photograph_that_disagrees_is_named():
     ball = textured_ball(40, noise=0.005, shadows=0.1)
     views = list(ball.views)
     views[7] = ds.View(np.roll(views[7].image, 9, 1), views[7].camera, views[7].mask, lit=views[7].lit)
-    maps = ds.fit_texels(facing_us(ball), views, free=FREE, loss="cauchy", light_error=0.1)
+    maps = ds.fit_texels(facing_us(ball), views, free=FREE, light_error=0.1, match_exposures=False, align=False)
     assert any("views[7]" in note and "disagree" in note for note in maps.notes)
     doubts = np.zeros((6, CELLS * CELLS, 2))
     doubts[..., 1], doubts[2, 5, 0] = 100.0, 90.0
@@ -414,15 +414,8 @@ def test_real_objects_have_their_normals(name, most):
     check_relighting(scene, views, mask)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("name", "most"),
-    [
-        pytest.param("ball", 2.8, marks=pytest.mark.slow),
-        pytest.param("cat", 8.0, marks=pytest.mark.slow),
-        ("harvest", 25.0),  # the hardest: metal, cast shadows, bounced light
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "most"), [("ball", 2.8), ("cat", 8.0), ("harvest", 25.0)])
 def test_twelve_photographs_of_a_real_object_are_enough(name, most):
     scene, views, truth, mask = real(name)
     twelve = [views[i] for i in np.round(np.linspace(0, 47, 12)).astype(int)]

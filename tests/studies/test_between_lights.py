@@ -8,7 +8,6 @@ from diffshade.inverse.data.relightable import dome
 from diffshade.texels.between_lights import from_leaves, learned_between, lights_between
 from diffshade.texels.unexplained import Smoothing, interpolation_of
 
-pytestmark = pytest.mark.thorough
 SMOOTHING = Smoothing(0.8, 0.03)
 
 

@@ -36,6 +36,9 @@ def check(scene, views, normal, mask):
     assert np.mean(off <= 2.0 * maps.exposures.error) > 0.6, (off, maps.exposures.error)
     before, after = (degrees_between(of.values["normal"], normal)[mask].mean() for of in (alike, maps))
     assert after < before + SLACK
+    sure = maps.known & mask
+    inside = degrees_between(maps.values["normal"], normal) <= maps.errors["normal"][..., 0]
+    assert inside[sure].mean() > 0.5  # what the exposures' errors have in common turns all normals alike
 
 
 @pytest.mark.slow

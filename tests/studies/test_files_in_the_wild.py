@@ -15,8 +15,6 @@ from PIL import Image
 
 import diffshade as ds
 
-pytestmark = pytest.mark.thorough
-
 PAGE = Path(__file__).parents[2] / "docs" / "studies" / "2026-11-26-files-in-the-wild.md"
 SECTION = re.compile(r"^## ([^\n]+)$(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 ROW = re.compile(r"^\| (\S+) \| `([^`]+)` \| (.+) \|$", re.MULTILINE)

@@ -15,7 +15,6 @@ from scipy import ndimage
 
 import diffshade as ds
 
-pytestmark = pytest.mark.thorough
 HEIGHT, WIDTH = made_maps.SHAPE
 KINDS = ("slider", "combobox", "radio", "button", "checkbox", "image")
 

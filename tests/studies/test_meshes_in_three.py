@@ -11,7 +11,6 @@ from handmade_maps import JUDGED, bumpy, judged
 import diffshade as ds
 from diffshade.exchange.map_textures import LIGHTS
 
-pytestmark = pytest.mark.thorough
 # Pixels of a picture for each texel, of which the middle one is compared: three.js widens a highlight by how far the
 # mesh's normal turns within a pixel, which at the edges of a coin is 80 degrees within a texel.
 ZOOM = 33

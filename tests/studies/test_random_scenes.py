@@ -8,7 +8,13 @@ import pytest
 from random_scenes import STRUCTURES, check_batch, compiled, not_compiled
 
 # of which other structures have the parts, one by one
-LARGE = ("overlapping_glass_boxes", "panes_and_every_light", "relief_behind_glass")
+LARGE = (
+    "overlapping_glass_boxes",
+    "panes_and_every_light",
+    "relief_behind_glass",
+    "glass_ball_before_a_chequer",
+    "glass_box_before_a_chequer",
+)
 
 
 @pytest.mark.parametrize(

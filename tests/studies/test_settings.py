@@ -13,9 +13,9 @@ import pytest
 TESTS = Path(__file__).parents[1]
 # what compiles little
 QUICK = (
-    "arrays bands cameras clusters contradictions exchange exif_exposures fields files gbuffers height_meshes "
-    "image_formats images light_lists lights masks materials meshes parameters photographs places residual_quantiles "
-    "rti_files run_store scene_files scenes surfaces tables"
+    "arrays bands cameras clusters contradictions exif_exposures fields files gbuffers image_formats images lights "
+    "masks materials meshes parameters photographs places residual_quantiles run_store scene_files scenes surfaces "
+    "tables"
 )
 RUNS = {
     "the flag off": ({"DIFFSHADE_TEST_X64": "0"}, ["fits/test_fitting.py", "system/test_messages.py"]),

@@ -145,7 +145,7 @@ def test_images_that_fit_exactly_and_grey_and_8_bit_ones_raise_none(clean):
 
 @pytest.mark.parametrize("only", [None, (1,)], ids=str)
 @pytest.mark.parametrize(("curve", "said"), [(ds.srgb_encode, "srgb=True"), (ds.srgb_decode, "srgb=False")])
-@pytest.mark.parametrize("sigma", [0.005, 0.02])
+@pytest.mark.parametrize("sigma", [0.005, pytest.param(0.02, marks=pytest.mark.slow)])
 def test_an_encoding_is_found_and_nothing_else(clean, only, curve, said, sigma):
     (found,) = suspicions(fitted([curve(image) for image in noisy(clean, sigma, 1)], only=only))
     assert found.kind == "encoding"

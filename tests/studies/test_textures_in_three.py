@@ -9,7 +9,6 @@ from exchange_programs import HERE, in_browser
 
 import diffshade as ds
 
-pytestmark = pytest.mark.thorough
 pytest.importorskip("embreex")
 
 

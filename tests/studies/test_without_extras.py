@@ -3,10 +3,6 @@
 import subprocess
 import sys
 
-import pytest
-
-pytestmark = pytest.mark.thorough
-
 
 def test_rendering_fitting_and_a_report_need_none(tmp_path):
     program = f"""

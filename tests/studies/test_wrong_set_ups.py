@@ -24,7 +24,12 @@ def judge(of: SetUp, right: ds.Fit, fit: ds.Fit, fault: str) -> tuple[bool, bool
     return bool((moved & right.determined).any()), named, not bool((off & fit.determined).any())
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+SEEN_ELSEWHERE = ("vignetting", "gamma", "blur", "lights turned", "lobe")  # by fits alone: test_wrong_photographs.py
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(of, marks=[pytest.mark.slow] * (of in SEEN_ELSEWHERE)) for of in FAULTS]
+)
 @pytest.mark.parametrize("seed", [0, pytest.param(7, marks=pytest.mark.slow)])
 def test_a_fault_is_named_with_what_to_do(seed, fault):
     of = set_up(seed)

@@ -30,8 +30,8 @@ ORDER = (
 )
 
 
-# programs of a minute or more, by their page and number: what they call is in fits/, and they run here in the slow tier
-LONG = {("objective", 1), ("objective", 2), ("fit", 1), ("trust", 1), ("calibration", 1)}
+# programs of half a minute or more, by page and number: what they call is in fits/, and they run here in the slow tier
+LONG = {("objective", 1), ("objective", 2), ("fit", 1), ("trust", 1), ("calibration", 1), ("calibration", 2)}
 
 
 def blocks(page: Path, language: str) -> list[str]:

@@ -60,10 +60,10 @@ def test_a_covariance_of_directions_has_two_axes():
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("grey", "factor"),
-    [(False, 4.0), (True, 0.25), *(pytest.param(*of, marks=pytest.mark.slow) for of in ((False, 0.25), (True, 4.0)))],
+    [(False, 4.0), *(pytest.param(*of, marks=pytest.mark.slow) for of in ((True, 0.25), (False, 0.25), (True, 4.0)))],
 )
 def test_one_photograph_that_is_far_off_leaves_the_others_as_they_are(factor, grey):
-    of = bumpy("two", 14, 60.0)
+    of = bumpy("two", 12, 60.0)
     images = [np.asarray(view.image) * (factor if i == 5 else 1.0) for i, view in enumerate(of.views)]
     images = [image.mean(-1, keepdims=True) if grey else image for image in images]
     views = [ds.View(image, v.camera, v.mask, lit=v.lit) for image, v in zip(images, of.views, strict=True)]
@@ -78,14 +78,13 @@ def test_few_photographs_say_that_their_exposures_differ_and_a_dark_one_says_not
     of = bumpy("glossy", 8, 60.0)
     free = ("k_d", "k_s", "n_s", "normal")
 
-    def fitted(factor, **how):
+    def fitted(factor):
         images = [np.asarray(view.image) * (factor if i == 5 else 1.0) for i, view in enumerate(of.views)]
         views = [ds.View(image, v.camera, v.mask, lit=v.lit) for image, v in zip(images, of.views, strict=True)]
-        maps = ds.fit_texels(of.scene, views, free=free, **how)
+        maps = ds.fit_texels(of.scene, views, free=free)
         return maps.exposures, [note for note in maps.notes if "exposures say" in note]
 
     exposures, notes = fitted(1.6)
     assert exposures is None
     assert "views[5] 1." in notes[0]
-    assert fitted(1.6, match_exposures=False) == (None, [])
     assert fitted(0.0) == (None, [])

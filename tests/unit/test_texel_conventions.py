@@ -79,7 +79,7 @@ def test_a_right_set_up_of_a_hollow_raises_no_alarm(shape, k_s):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("k_s", [0.0, 0.4])
+@pytest.mark.parametrize("k_s", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_right_set_ups_of_hollows_and_planes_raise_no_alarm(shape, k_s):
     assert said_of_right_hollows(shape, k_s, range(1, 9)) == []
