@@ -189,7 +189,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
         below = jnp.maximum(8 * jnp.finfo(cost.dtype).eps * cost, self.rounding)
         unseen = jnp.where(predicted <= below, state.unseen + 1, 0)
-        point = jax.tree.map(partial(jnp.where, small), point.moved(dy), point)
+        point = jax.tree.map(partial(jnp.where, small & accept), point.moved(dy), point)  # the model that held so far
         state = State(
             first=jnp.array(False),
             y_eval=y + dy,
