@@ -185,7 +185,8 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.times(dy))
         last = jnp.where(accept, jnp.maximum(state.gain, predicted), predicted)  # 0 before the first step
         following = predicted**2 / jnp.where(last > 0, last, 1.0)
-        small = (following <= self.rtol * cost + self.atol) & (step_size >= 1.0)
+        left = cost - predicted  # what a render without noise leaves is rounding: a pass has to find it
+        small = (following <= self.rtol * left + self.atol) & (left >= 0.0) & (step_size >= 1.0)
         rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
         below = jnp.maximum(8 * jnp.finfo(cost.dtype).eps * cost, self.rounding)
         unseen = jnp.where(predicted <= below, state.unseen + 1, 0)
