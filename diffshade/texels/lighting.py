@@ -26,7 +26,7 @@ class LightErrors(NamedTuple):
     brightness: Float[np.ndarray, " views"]
     """Relative standard deviation."""
     alike: Float[np.ndarray, "patterns views"] | None = None
-    """Relative changes of the brightness that all views share, each of standard deviation 1; None where there is none."""
+    """Relative changes of the brightness that all views share, each as likely as one standard deviation."""
 
 
 class Exposures(NamedTuple):
