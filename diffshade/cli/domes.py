@@ -28,7 +28,7 @@ def dome(fit: ds.Fit) -> list[ds.Shot]:
     import diffshade as ds
 
     from ..inverse.misfit.regions import center_of
-    from ..texels.heights.mesh import camera_axes
+    from ..model.cameras import camera_axes
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
     frame = np.stack(camera_axes(camera))

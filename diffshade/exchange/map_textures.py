@@ -19,11 +19,12 @@ from ..io.encodings import srgb_decode, srgb_encode
 from ..io.files import write_file
 from ..io.image_formats import encode
 from ..io.triangles import Triangles, first_hits
+from ..model.cameras import camera_axes
 from ..model.lights import DirectionalLight
 from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight, Material
 from ..texels.heights.differences import rays_of
-from ..texels.heights.mesh import HeightMesh, camera_axes
+from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
 from ..texels.status import OUTSIDE
 

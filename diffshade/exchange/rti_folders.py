@@ -24,8 +24,8 @@ from ..io.files import write_file
 from ..io.image_formats import encode
 from ..io.images import read_image
 from ..io.rti_files import PTM_TERMS, ptm_file, read_rti, terms
+from ..model.cameras import camera_axes
 from ..model.lights import DirectionalLight
-from ..texels.heights.mesh import camera_axes
 from ..texels.maps import TexelMaps
 from ..texels.status import OUTSIDE
 

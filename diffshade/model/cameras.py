@@ -5,10 +5,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..core.backend import in_float64
 from ..core.fields import (
     Array,
     Checked,
@@ -269,6 +271,17 @@ def axes(camera: AbstractCamera) -> tuple[Vec3, Vec3, Vec3]:
     backward = normalize(Vec3.of(camera.eye) - Vec3.of(camera.target))
     right = normalize(cross(Vec3.of(camera.up), backward))
     return right, cross(backward, right), backward
+
+
+def camera_axes(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3"], ...]:
+    """Return the same as arrays of the host, in float64."""
+    with in_float64(camera) as seen_by:
+        return tuple(np.asarray(axis) for axis in _stacked_axes(seen_by))
+
+
+@jax.jit
+def _stacked_axes(camera: AbstractCamera) -> tuple[Array, ...]:
+    return tuple(axis.stack() for axis in axes(camera))
 
 
 def check_intrinsics(K: Any) -> None:

@@ -13,10 +13,9 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from ..core.arrays import check_no_bytes, float64_of, numbers
-from ..core.backend import in_float64
 from ..core.fields import Array, as_array, check_kind, is_concrete
 from ..core.masks import as_mask
-from .cameras import OrthographicCamera, Rays, axes
+from .cameras import OrthographicCamera, Rays, camera_axes
 from .surfaces import AbstractSurface, Hit
 from .vectors import Vec3, dot
 
@@ -204,8 +203,7 @@ def height_map(height: Float[ArrayLike, "h w"], camera: OrthographicCamera, *, m
             f"a height map must be finite; got {height[row, column]} at row {row}, column {column}. Mask it out."
         )
     pixel = float(camera.height) / camera.shape[0]
-    with in_float64(camera) as seen_by:
-        right, up, backward = (np.asarray(axis) for axis in _axes(seen_by))
+    right, up, backward = camera_axes(camera)
     down, across = np.indices(height.shape) + 0.5
     x, y = (across - camera.shape[1] / 2) * pixel, (camera.shape[0] / 2 - down) * pixel
     known = np.where(inside, height, np.nan)
@@ -214,11 +212,6 @@ def height_map(height: Float[ArrayLike, "h w"], camera: OrthographicCamera, *, m
     z = np.where(inside, height, 0.0)
     p = np.asarray(camera.target) + x[..., None] * right + y[..., None] * up + z[..., None] * backward
     return GBuffer(n / np.linalg.norm(n, axis=-1, keepdims=True), p, inside)
-
-
-@jax.jit
-def _axes(camera: OrthographicCamera) -> tuple[Array, ...]:
-    return tuple(axis.stack() for axis in axes(camera))
 
 
 def _slope(height: Float[np.ndarray, "h w"], axis: int) -> Float[np.ndarray, "h w"]:

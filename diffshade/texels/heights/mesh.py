@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.backend import in_float64
 from ...core.fields import check_kind
 from ...io.triangles import Triangles, first_hits, simplified
-from ...model.cameras import AbstractCamera, axes
+from ...model.cameras import AbstractCamera, camera_axes
 from .corners import corners_of
 from .differences import rays_of
 from .map import HeightMap
@@ -171,9 +171,3 @@ def pixels_of(points: Float[np.ndarray, "n 3"], camera: AbstractCamera) -> Float
     across = np.stack([o_r + d_r, o_c + d_c, d], -1)  # one of origin and direction depends on the pixel
     found = np.linalg.solve(across, (points - o).T).T
     return found[:, :2] / found[:, 2:] if d_c.any() or d_r.any() else found[:, :2]
-
-
-def camera_axes(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3"], ...]:
-    """Return the unit axes of a camera: right, up, backward."""
-    with in_float64(camera) as seen_by:
-        return tuple(np.array([float(v.x), float(v.y), float(v.z)]) for v in axes(seen_by))
