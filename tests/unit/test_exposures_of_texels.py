@@ -7,7 +7,7 @@ from bumpy import bumpy
 import diffshade as ds
 from diffshade.core.backend import in_float64
 from diffshade.texels.lighting import Exposures, LightErrors
-from diffshade.texels.lights.exposures import _named, _of_directions, _Rig, undone
+from diffshade.texels.lights.exposures import _errors_with, _named, _of_directions, _Rig, undone
 from diffshade.texels.lights.placing import LightEstimates, directions_to, scene_with
 
 FACTOR = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 0.5], [0.5, 0.5, 0.5], [1.0, 1.0, 1.0]])
@@ -55,6 +55,20 @@ def test_a_covariance_of_directions_has_two_axes():
         error = _of_directions(found, LightErrors(root[None], np.zeros(1)))
         np.testing.assert_allclose(error, 0.02, rtol=1e-9)
     np.testing.assert_allclose(_of_directions(found, None), np.deg2rad(1.0), rtol=1e-9)
+
+
+def test_exposures_err_alike_under_lights_that_are_near_each_other():
+    """In any way that is linear in the light's direction, and that k_d does not take back: all ways as likely."""
+    l = np.random.default_rng(0).standard_normal((9, 3))
+    l /= np.linalg.norm(l, axis=-1, keepdims=True)
+    error = np.full(9, 0.03)
+    alike = _errors_with(Exposures(np.ones((9, 3)), error, l), None).alike
+    assert alike is not None
+    np.testing.assert_allclose(alike.mean(1), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.mean(np.square(alike).sum(0)), 0.03**2, rtol=1e-9)
+    np.testing.assert_allclose(alike @ alike.T, 3.0 * 0.03**2 * np.eye(3), atol=1e-12)
+    linear = (l - l.mean(0)) @ (0.2, -0.5, 1.0)
+    np.testing.assert_allclose(np.linalg.lstsq(alike.T, linear, rcond=None)[1], 0.0, atol=1e-12)
 
 
 @pytest.mark.thorough
