@@ -253,6 +253,54 @@ def test_the_last_step_ends_at_the_minimum_though_no_pass_confirms_it():
     assert not np.array_equal(solution.aux.total.hessian.whole, at.total.hessian.whole)  # that of the pass before
 
 
+def test_a_step_from_far_away_says_nothing_of_how_later_ones_shrink():
+    """One unknown comes from far at once, another converges slowly: what the first gained is not believed."""
+    seen = 5.0 + 2.0 * np.exp(-1.3 * X) + 0.05 * np.random.default_rng(2).standard_normal(40)
+
+    def left(y, of=jnp):
+        return (y[2] + y[0] * of.exp(-y[1] * X) - seen) / 0.05
+
+    def shifted(y, args):
+        r, J = left(y), jax.jacfwd(left)(y)
+        return one_view(y, 0.5 * r @ r, J.T @ r, J.T @ J)
+
+    far = jnp.full(3, 1e9)
+    solver = GramLevenbergMarquardt(descent=BoxNewton(-far, far, jnp.zeros(3, bool)), search=GainRatio(damping=1e-8))
+    solution = optx.minimise(shifted, solver, jnp.array([2.0, 1.29, 1e5]), has_aux=True, max_steps=50)
+    best = scipy.optimize.least_squares(lambda y: left(y, np), [2.0, 1.29, 5.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    error = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
+    np.testing.assert_allclose(solution.value, best.x, rtol=0, atol=1e-4 * error.min())
+    np.testing.assert_allclose(solution.stats["cost"], best.cost, rtol=1e-10)
+
+
+@pytest.mark.parametrize("shown", [None, np.array([[0, 1], [1, 2], [2, 3]])], ids=["all", "some"])
+def test_what_each_view_says_moves_with_the_last_step(shown):
+    """Of a quadratic cost exactly; the second of two unknowns of the last view is padding. No cost falls below 0."""
+    random, m = np.random.default_rng(5), 3 if shown is None else 2
+    A, b = random.standard_normal((3, 6, m)), random.standard_normal((3, 6))
+    index = np.tile(np.arange(3), (3, 1)) if shown is None else shown
+    A[np.broadcast_to((index == 3)[:, None], A.shape)] = 0.0
+
+    def at(y, b=b):
+        r = np.einsum("vrm,vm->vr", A, np.append(y, 0.0)[index]) - b
+        gradient, hessian = np.einsum("vrm,vr->vm", A, r), np.einsum("vrm,vrn->vmn", A, A)
+        whole = np.zeros((4, 4))
+        for i, H in zip(index, hessian, strict=True):
+            whole[np.ix_(i, i)] += H
+        cost, gradient, hessian = map(jnp.asarray, (0.5 * np.sum(r**2, 1), gradient, hessian))
+        views = ByView(cost, gradient, hessian, None if shown is None else jnp.asarray(shown))
+        return Point(jnp.asarray(y), Gram(views.cost.sum(), views.slope(3), Dense(jnp.asarray(whole[:3, :3]))), views)
+
+    y, step = random.standard_normal(3), random.standard_normal(3)
+    moved, there = at(y).moved(jnp.asarray(step)), at(y + step)
+    for found, right in zip(jax.tree.leaves(moved), jax.tree.leaves(there), strict=True):
+        np.testing.assert_allclose(found, right, rtol=1e-10, atol=1e-12)
+    exact = np.einsum("vrm,vm->vr", A, np.append(y + step, 0.0)[index])
+    moved = at(y, exact).moved(jnp.asarray(step))
+    assert moved.total.cost >= 0.0
+    assert np.all(np.asarray(moved.views.cost) >= 0.0)
+
+
 def test_a_solver_that_runs_out_of_steps_says_so():
     solver = within(jnp.asarray(-FAR), jnp.asarray(FAR))
     solution = optx.minimise(quartic, solver, jnp.array([1e15, 1e15]), has_aux=True, max_steps=3, throw=False)

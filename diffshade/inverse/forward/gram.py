@@ -55,6 +55,13 @@ class ByView(eqx.Module):
             return self.gradient.sum(0)
         return jnp.zeros(p).at[self.shown].add(self.gradient, mode="drop")
 
+    def moved(self, step: Float[Array, " p"]) -> ByView:
+        """Return what the views say after a small step, by their quadratic models."""
+        of_view = step[None] if self.shown is None else jnp.append(step, 0.0)[self.shown]
+        slope = jnp.sum(self.hessian * of_view[:, None], -1)
+        cost = self.cost + jnp.sum((self.gradient + 0.5 * slope) * of_view, -1)
+        return ByView(jnp.maximum(cost, 0.0), self.gradient + slope, self.hessian, self.shown)
+
     def index(self, p: int) -> Int[np.ndarray, "views m"]:
         """Return which of p unknowns each view shows, padded with their number."""
         return np.tile(np.arange(p), (len(self.cost), 1)) if self.shown is None else np.asarray(self.shown)
@@ -120,11 +127,12 @@ class Point(eqx.Module):
     views: ByView
 
     def moved(self, step: Float[Array, " p"]) -> Point:
-        """Return the point after a step too small for a pass: the quadratic model moves, each view's part stays."""
+        """Return the point after a step too small for a pass: the quadratic model moves, in total and of each view."""
         of = self.total
         slope = of.hessian.times(step)
         cost = of.cost + of.gradient @ step + 0.5 * step @ slope
-        return Point(self.theta + step, Gram(cost, of.gradient + slope, of.hessian), self.views)
+        total = Gram(jnp.maximum(cost, 0.0), of.gradient + slope, of.hessian)  # rounding takes 0 below itself
+        return Point(self.theta + step, total, self.views.moved(step))
 
 
 def directions_of(

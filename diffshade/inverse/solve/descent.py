@@ -183,7 +183,8 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         rejected = jnp.where(accept, 0, state.rejected + 1)
 
         predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.times(dy))
-        last = jnp.where(accept, jnp.maximum(state.gain, predicted), predicted)  # 0 before the first step
+        # of a step from far away, which gains more than is left, how steps shrink near the minimum cannot be told
+        last = jnp.where(accept, jnp.maximum(jnp.minimum(state.gain, cost), predicted), predicted)  # 0 before the first
         following = predicted**2 / jnp.where(last > 0, last, 1.0)
         left = cost - predicted  # what a render without noise leaves is rounding: a pass has to find it
         small = (following <= self.rtol * left + self.atol) & (left >= 0.0) & (step_size >= 1.0)
