@@ -69,6 +69,11 @@ def test_exposures_err_alike_under_lights_that_are_near_each_other():
     np.testing.assert_allclose(alike @ alike.T, 3.0 * 0.03**2 * np.eye(3), atol=1e-12)
     linear = (l - l.mean(0)) @ (0.2, -0.5, 1.0)
     np.testing.assert_allclose(np.linalg.lstsq(alike.T, linear, rcond=None)[1], 0.0, atol=1e-12)
+    turn = np.linspace(0.0, 6.0, 9)
+    ring = np.stack([0.6 * np.cos(turn), 0.6 * np.sin(turn), np.full(9, 0.8) + 1e-9 * l[:, 0]], -1)
+    alike = _errors_with(Exposures(np.ones((9, 3)), error, ring), None).alike
+    assert alike is not None
+    assert (np.abs(alike).max(1) > 0.0).sum() == 2  # what rounding tells apart is no way
 
 
 @pytest.mark.thorough

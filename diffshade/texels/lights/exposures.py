@@ -135,7 +135,8 @@ def _errors_with(found: Exposures, light_error: LightErrors | None) -> LightErro
     are taken to change linearly with the light's direction, each of three ways as likely, which turns all normals.
     """
     each = np.broadcast_to(DEGREE * np.eye(3), (len(found.error), 3, 3))
-    apart = np.linalg.svd(found.directions - found.directions.mean(0), full_matrices=False)[0]
+    apart, size, _ = np.linalg.svd(found.directions - found.directions.mean(0), full_matrices=False)
+    apart = apart * (size > SMALL * size[0])  # lights of one height differ in two ways
     alike = found.error * apart.T * np.sqrt(len(apart) / 3.0)
     return LightErrors(each if light_error is None else light_error.direction, found.error, alike)
 
