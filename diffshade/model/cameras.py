@@ -274,7 +274,7 @@ def axes(camera: AbstractCamera) -> tuple[Vec3, Vec3, Vec3]:
 
 
 def camera_axes(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3"], ...]:
-    """Return the same as arrays of the host, in float64."""
+    """Return the camera's unit axes, right, up and backward, as float64 arrays of the host."""
     with in_float64(camera) as seen_by:
         return tuple(np.asarray(axis) for axis in _stacked_axes(seen_by))
 

@@ -26,7 +26,7 @@ class LightErrors(NamedTuple):
     brightness: Float[np.ndarray, " views"]
     """Relative standard deviation."""
     alike: Float[np.ndarray, "patterns views"] | None = None
-    """Relative changes of the brightness that all views share, each as likely as one standard deviation."""
+    """Relative changes of the brightness that all views share, one standard deviation each; None: there are none."""
 
 
 class Exposures(NamedTuple):
