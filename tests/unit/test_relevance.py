@@ -23,7 +23,7 @@ INFORMATION = DIRECTIONS @ LEFT @ DIRECTIONS.T
 
 def evidence(samples: np.ndarray, directions: np.ndarray = DIRECTIONS, group: np.ndarray = GROUP) -> FaultEvidence:
     r, seen = LEFT @ samples, INFORMATION if directions is DIRECTIONS else directions @ LEFT @ directions.T
-    return FaultEvidence(seen, directions @ r, group, float(r @ r), float(N - len(J)))
+    return FaultEvidence(seen, directions @ r, group, float(r @ r), float(N - len(J)), float(samples @ samples))
 
 
 def noise(seed: int) -> np.ndarray:

@@ -84,6 +84,11 @@ class Linearised:
         """The predictions above black."""
         return self.predicted - np.array([float(view.black) for view in self.fit.views])[self.set_up.view]
 
+    @property
+    def shown(self) -> Float[np.ndarray, " n"]:
+        """What the photographs show above black; of a sample without weight, what is predicted."""
+        return self.light - self.slope / np.where(self.weight > 0, self.weight, np.inf)
+
     @cached_property
     def at_rims(self) -> Bool[np.ndarray, " n"]:
         """Which samples are at grazing rims."""

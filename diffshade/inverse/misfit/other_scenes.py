@@ -20,7 +20,6 @@ from ...model.lights import AbstractLamp
 from ...model.lobes import EXPONENTS, AbstractPowerLobe, Blinn, Phong
 from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
-from ...model.rendering import intersect, pixel_rays
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from ..data.recording import photograph
@@ -28,7 +27,7 @@ from ..data.views import View
 from ..result import Fit
 from .changes import Case
 from .linearised import Linearised
-from .regions import center_of
+from .regions import center_of, seen_points
 
 EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 STEP = SLIGHT  # relative, of lamps' distances and a sphere's axes: small beside their curvature, large beside rounding
@@ -144,10 +143,8 @@ def _stretched(scene: Scene, view: View) -> Iterator[Scene]:
     the same pixel: p - S (p - c), and along the ray from e until it is on the sphere again.
     """
     sphere: Any = scene.objects[0].surface
-    seen = intersect(scene, view.camera)
-    n, p, mask = (np.asarray(of) for of in (seen.normal, seen.position, seen.mask))
+    n, p, mask, _, ray = seen_points(scene.objects, view.camera)
     arm = p - np.asarray(sphere.center)
-    ray = np.asarray(pixel_rays(view.camera.projection(), view.camera.shape).direction.stack())
     facing = np.where(np.abs(across := np.sum(n * ray, -1)) > STEP, across, -1.0)
     for S in (np.zeros((3, 3)), *(STEP * stretch(amount) for amount in np.eye(5))):
         along = np.sum(n * (arm @ S), -1) / facing

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...core.backend import SOONER, jit_quickly
 from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...core.thresholds import SMALL
 from ...model.cameras import AbstractCamera, Projection
-from ...model.rendering import render, visible_points
+from ...model.rendering import pixel_rays, render, visible_points
 from ...model.scenes import Object
 from ...model.surfaces import Sphere
 from ...model.vectors import Vec3, dot
@@ -130,8 +134,8 @@ def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture])
 
 def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.ndarray]:
     """Return the pixels at a grazing angle, n.v < GRAZING_COSINE, and the sector of each pixel."""
-    n_v = np.asarray(_n_v(objects, camera))
-    inside = n_v > -np.inf
+    seen = seen_points(objects, camera)
+    n_v, inside = seen.n_v, seen.inside
     row, column = np.mgrid[: inside.shape[0], : inside.shape[1]]
     middle = [float(x[inside].mean()) if inside.any() else 0.0 for x in (row, column)]
     angle = np.arctan2(row - middle[0], column - middle[1])
@@ -157,19 +161,35 @@ def measure_rim(views: Iterable[tuple[MeanPrediction, Mask, np.ndarray]]) -> Rim
     return Rim(mean, errors, float(np.mean(np.array(by_view) > 0)), mean / float(np.mean(brightness)))
 
 
-@jax.jit
-def _n_v(objects: tuple[Object, ...], camera: AbstractCamera) -> jax.Array:
-    """Return n.v of every pixel; -inf without a surface."""
+class SeenPoints(NamedTuple):
+    """What a camera sees at each pixel."""
+
+    normal: Float[np.ndarray, "h w 3"]
+    position: Float[np.ndarray, "h w 3"] | None
+    inside: Bool[np.ndarray, "h w"]
+    n_v: Float[np.ndarray, "h w"]
+    """-inf without a surface."""
+    ray: Float[np.ndarray, "h w 3"]
+    """The unit direction of the ray through the centre of the pixel."""
+
+
+def seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> SeenPoints:
+    """Return what a camera sees of objects. All that faults need of it is one program, which is compiled once."""
+    return SeenPoints(*jax.tree.map(np.asarray, _seen_points(objects, camera)))
+
+
+@partial(jit_quickly, options=SOONER)
+def _seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[jax.Array | None, ...]:
     normal, position, inside = visible_points(objects, camera)
     projection: Projection = camera.projection()
     n_v = dot(Vec3.of(normal), projection.viewer(None if position is None else Vec3.of(position)))
-    return jax.numpy.where(inside, n_v, -jax.numpy.inf)
+    ray = pixel_rays(projection, camera.shape).direction.stack()
+    return normal, position, inside, jnp.where(inside, n_v, -jnp.inf), ray
 
 
 def center_of(objects: tuple[Object, ...], camera: AbstractCamera) -> Float[np.ndarray, "3"]:
     """Return the centre of a sphere, or the mean of the points that a camera sees; the origin if they are unknown."""
     if len(objects) == 1 and isinstance(objects[0].surface, Sphere):
         return np.asarray(objects[0].surface.center)
-    _, position, inside = visible_points(objects, camera)
-    inside = np.asarray(inside)
-    return np.zeros(3) if position is None or not inside.any() else np.asarray(position)[inside].mean(0)
+    seen = seen_points(objects, camera)
+    return np.zeros(3) if seen.position is None or not seen.inside.any() else seen.position[seen.inside].mean(0)

@@ -34,6 +34,8 @@ class FaultEvidence:
     """The sum of squares of the whitened residuals."""
     freedom: float
     """Samples less fitted numbers."""
+    most: float
+    """The square of the largest amount: a change that is as large as the pictures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,8 @@ class Relevance:
     active: Bool[np.ndarray, " groups"]
     gain: Float[np.ndarray, " groups"]
     """By how much each active group raises twice the logarithm of the likelihood, beside the others."""
+    variance: Float[np.ndarray, " groups"]
+    """Of each active group's amounts."""
     mean: Float[np.ndarray, " k"]
     covariance: Float[np.ndarray, "k k"]
     sigma2: float
@@ -52,21 +56,25 @@ class Relevance:
 def relevance(of: FaultEvidence) -> Relevance:
     """Return which groups are in the residuals: those that show alone, less what others explain as well."""
     groups = int(of.group.max(initial=-1)) + 1
-    found, size = _posterior(of, np.zeros(groups, bool)), np.bincount(of.group, minlength=groups)
+    size, nothing, none = np.bincount(of.group, minlength=groups), np.zeros(groups), np.zeros(len(of.score))
+    found = Relevance(nothing > 0, nothing, nothing, none, np.outer(none, none), of.squares / of.freedom)
     for _ in range(ROUNDS):
         p_values = _p_values(of, found)
         surest = [k for k in np.argsort(p_values, kind="stable") if not found.active[k] and p_values[k] < FALSE_ALARM]
         room = MAX_DIRECTIONS - size[found.active].sum() - np.cumsum(size[surest])
         if not (room >= 0).any():
             break
-        found = _pruned(of, found.active | np.isin(np.arange(groups), np.array(surest)[room >= 0]))
+        before, found = found, _pruned(of, found, np.array(surest)[room >= 0])
+        if np.array_equal(before.active, found.active):  # from which every round ends where it began
+            break
     return found
 
 
-def _pruned(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
-    """Return the posterior without the groups that the others explain as well: the least half of these at a time."""
+def _pruned(of: FaultEvidence, found: Relevance, more: Int[np.ndarray, " more"]) -> Relevance:
+    """Return the posterior with more groups, less those that the others explain as well: half of these at a time."""
+    active = found.active | np.isin(np.arange(len(found.active)), more)
     while True:
-        found = _posterior(of, active)
+        found = _posterior(of, active, found)
         spare = np.flatnonzero(active & (_p_values(of, found) > FALSE_ALARM))
         if not len(spare):
             return found
@@ -74,12 +82,17 @@ def _pruned(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Relevance
         active[spare[np.argsort(found.gain[spare])][: max(1, len(spare) // 2)]] = False
 
 
-def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
-    """Return the posterior of the amounts of some groups, each of the variance that is likeliest."""
+def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"], near: Relevance) -> Relevance:
+    """Return the posterior of the amounts of some groups, each of the variance that is likeliest.
+
+    The search begins at a posterior of nearly the same groups. No variance exceeds `most`: amounts of which the
+    residuals hold no information, but for rounding, would have any.
+    """
     use = np.flatnonzero(active[of.group])
     A, s, own = of.information[np.ix_(use, use)], of.score[use], np.searchsorted(np.flatnonzero(active), of.group[use])
     sizes = np.bincount(own, minlength=int(active.sum()))
-    sigma2, variance = of.squares / of.freedom, np.full(len(sizes), 0.01 * of.squares)
+    sigma2, usual = near.sigma2, min(0.01 * of.squares, of.most)
+    variance = np.where(near.active, np.maximum(near.variance, SINGLE * usual), usual)[active]
     mean, covariance = np.zeros(len(use)), np.zeros((len(use), len(use)))
     for _ in range(MAX_STEPS if len(use) else 0):
         root = np.sqrt(variance[own])
@@ -87,16 +100,17 @@ def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Releva
         covariance = root[:, None] * C * root
         mean = covariance @ s / sigma2
         told = np.maximum(sizes - np.bincount(own, np.diag(C), len(sizes)), 1e-12)  # of the numbers of each group
-        before, variance = variance, np.maximum(np.bincount(own, mean**2, len(sizes)) / told, 1e-14 * of.squares)
+        before, variance = variance, np.clip(np.bincount(own, mean**2, len(sizes)) / told, 1e-14 * of.squares, of.most)
         sigma2 = max((of.squares - 2.0 * mean @ s + mean @ A @ mean) / max(of.freedom - told.sum(), 1.0), 1e-300)
         if np.all(np.abs(np.log(variance / before)) < SLIGHT):
             break
     whole, spread, gain = np.zeros(len(of.score)), np.zeros(of.information.shape), np.zeros(len(active))
-    whole[use], spread[np.ix_(use, use)] = mean, covariance
+    variances = np.zeros(len(active))
+    variances[active], whole[use], spread[np.ix_(use, use)] = variance, mean, covariance
     for k, group in enumerate(np.flatnonzero(active)):
         of_group = own == k
         gain[group] = mean[of_group] @ np.linalg.solve(covariance[np.ix_(of_group, of_group)], mean[of_group])
-    return Relevance(active, gain, whole, spread, sigma2)
+    return Relevance(active, gain, variances, whole, spread, sigma2)
 
 
 def _p_values(of: FaultEvidence, found: Relevance) -> Float[np.ndarray, " groups"]:
