@@ -161,8 +161,8 @@ def learned_between(
     some = rng.integers(0, half.size, (STEPS, BATCH))
     learned_from = np.flatnonzero(half == 0)
     tried = _trained(lessons, learned_from[some % len(learned_from)])
-    x, candidates, off = (of[half == 2] for of in lessons)
-    if not jnp.mean((off - jax.vmap(tried)(x, candidates)) ** 2) <= (1.0 - SLIGHT) ** 2 * np.mean(off**2):
+    unseen = Lessons(*(of[half == 2] for of in lessons))
+    if not _mean_square(tried, unseen) <= (1.0 - SLIGHT) ** 2 * np.mean(unseen.off**2):
         return None
     asked = _neighbours(toward, new, smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
@@ -173,7 +173,7 @@ def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenL
     """Return what `jax.tree.leaves` of the two gave."""
     one = np.zeros(1)
     interpolation = Interpolation(one, 1.0, one, one)
-    between = BetweenLights(one, Neighbours(one, one, one), Network.begun(), one)
+    between = BetweenLights(one, Neighbours(one, one, one), jax.eval_shape(Network.begun), one)
     either = [jax.tree.structure(of) for of in ((None, None), (interpolation, None), (interpolation, between))]
     return next(jax.tree.unflatten(of, leaves) for of in either if of.num_leaves == len(leaves))
 
@@ -242,6 +242,12 @@ def _lessons(
 
 
 @jax.jit
+def _mean_square(network: Network, lessons: Lessons) -> Float[Array, ""]:
+    """Return the mean square of what the network is off."""
+    return jnp.mean((jax.vmap(network)(lessons.x, lessons.candidates) - lessons.off) ** 2)
+
+
+@jax.jit
 def _trained(lessons: Lessons, batches: Int[Array, "steps batch"]) -> Network:
     """Return the network that has learned from batches of lessons: the least squares of what is off, by Adam."""
     import optax
@@ -249,8 +255,7 @@ def _trained(lessons: Lessons, batches: Int[Array, "steps batch"]) -> Network:
     optimiser = optax.adam(optax.cosine_decay_schedule(RATE, STEPS))
 
     def cost(network: Network, batch: Array) -> Array:
-        x, candidates, off = (of[batch] for of in lessons)
-        return jnp.mean((jax.vmap(network)(x, candidates) - off) ** 2)
+        return _mean_square(network, jax.tree.map(lambda of: of[batch], lessons))
 
     def step(carry: tuple, batch: Array) -> tuple[tuple, None]:
         network, state = carry

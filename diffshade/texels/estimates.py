@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, UInt8
 
+from ..core.backend import jit_quickly
 from ..core.fields import Array
 from .blocks import FitOptions, TexelBlock, geometry_of, mirroring_normals
 from .descent import choose
@@ -96,6 +97,9 @@ def estimate(
     """
     candidates = _candidates(setup, known, block, sigma, max_steps, options)
     return _estimates(candidates, block, options, typical)
+
+
+estimate_few = jit_quickly(estimate, static_argnums=6)
 
 
 def _candidates(

@@ -17,7 +17,7 @@ from ..model.scenes import Scene
 from .blocks import FitOptions, TexelBlock, scatter_of_block
 from .checks import check_anything_left
 from .descent import GRID
-from .estimates import Estimates, estimate
+from .estimates import Estimates, estimate, estimate_few
 from .light_directions import LightDistribution, light_distribution
 from .lighting import lighting_setup
 from .map_arrays import MapArrays
@@ -92,9 +92,9 @@ class TexelRun:
         return self._fit_all(options, sigma, typical, exponents, notes)
 
     def estimates(self, tile: TexelTile) -> Estimates:
-        """Return the estimates of some texels, by squares."""
+        """Return the estimates of a few texels, by squares, with a program that is soon compiled."""
         options = self.options._replace(loss="squares")
-        return self._fit(tile, options, np.asarray(1.0), unlimited(), None, FIRST_STEPS)
+        return self._fit(tile, options, np.asarray(1.0), unlimited(), None, FIRST_STEPS, program=estimate_few)
 
     def _fit_all(
         self,
@@ -149,14 +149,15 @@ class TexelRun:
         exponents: Exponents | None,
         max_steps: int,
         which: Int[np.ndarray, " m"] | None = None,
+        program: Callable[..., Estimates] = estimate,
     ) -> Estimates:
         """Return the estimates of a tile, or of some of its texels."""
 
-        def program(block: TexelBlock) -> Estimates:
-            return estimate(self.setup, self.known, block, sigma, typical, np.asarray(max_steps), options)
+        def of_block(block: TexelBlock) -> Estimates:
+            return program(self.setup, self.known, block, sigma, typical, np.asarray(max_steps), options)
 
         pieces = self.tiles.reader.pieces(tile, self._log_n_s_of(tile, exponents), which)
-        found = self.tiles.on_all(lambda piece: self.tiles.evaluate(program, piece), pieces)
+        found = self.tiles.on_all(lambda piece: self.tiles.evaluate(of_block, piece), pieces)
         return jax.tree.map(lambda *parts: np.concatenate(parts, -1), *found)
 
     def lights(self) -> LightDistribution:
