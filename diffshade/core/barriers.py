@@ -1,4 +1,4 @@
-"""Barriers: values that derivatives compute once, where XLA's CPU compiler would compute them again for each use."""
+"""Barriers: values that are computed once, where XLA's CPU compiler would compute them again for each use."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ def computed_once(tree: T) -> T:
 
     XLA's fusion on the CPU copies what several results share into each of them. The derivative of a ray through several
     surfaces has hundreds of results, sums over the pixels, that share all that comes before: it would be compiled, and
-    computed, again for each. What is called is not fused across, so in derivatives the tree and its tangents are passed
-    through a call that XLA is told not to inline; an `optimization_barrier` alone is removed before fusion.
+    computed, again for each. So in derivatives the tree and its tangents are `stored`.
 
     What is not differentiated is compiled as if this were not there, to the same bits, and so is all that does not run
     on a CPU. Where XLA ignores the attribute, only the time is lost.
@@ -37,14 +36,19 @@ def _derivative(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
     """Return the tree and its tangents behind a barrier each; tangents that are known to be 0 stay so."""
     (tree,), (tangent,) = primals, tangents
     zero, other = eqx.partition(tangent, _is_zero, is_leaf=_is_zero)
-    return _called(tree), eqx.combine(zero, _called(other), is_leaf=_is_zero)
+    return stored(tree), eqx.combine(zero, stored(other), is_leaf=_is_zero)
 
 
 def _is_zero(leaf: Any) -> bool:
     return isinstance(leaf, SymbolicZero)
 
 
-def _called(tree: Any) -> Any:
+def stored(tree: T) -> T:
+    """Return a tree of arrays unchanged, as values that a program computes once and keeps for all that uses them.
+
+    They are passed through a call that XLA's CPU compiler is told not to inline, for what is called is not fused
+    across; an `optimization_barrier` alone is removed before fusion. Elsewhere nothing is done.
+    """
     if jax.default_backend() != "cpu":
         return tree
     with set_xla_metadata(inlineable="false"):

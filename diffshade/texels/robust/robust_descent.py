@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from ...core.barriers import stored
 from ...core.fields import Array
 from ...inverse.forward.losses import LOSSES
 from ...model.vectors import Vec3, normalize, tangents_of
@@ -94,14 +95,14 @@ def descend(
 
 
 def around(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, state: DescentState) -> Local:
-    """Return the residuals of a state, their derivatives and their weights."""
+    """Return the residuals of a state, their derivatives and their weights, which many sums share."""
     tangents = tangents_of(state.n)
     D, S, *by_tilt = observed.lights.slopes(shape, state.n, tangents)
     k_d, k_s = state.k_d[None], state.k_s[None]
     by_a, by_b = (k_d * by_tilt[i] + k_s * by_tilt[i + 1] for i in (0, 2))
     residual = k_d * D + k_s * S - observed.y
     weight = observed.trust * LOSSES[weighing.loss].slope((residual / weighing.scale[None]) ** 2)
-    return Local(residual, (by_a, by_b, D, S), weight)
+    return stored(Local(residual, (by_a, by_b, D, S), weight))
 
 
 def system(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, state: DescentState) -> System:
@@ -143,7 +144,7 @@ def _stepped(state: DescentState, A: list[list[Array]], g: list[Array], damping:
     shorter = jnp.minimum(1.0, MAX_TILT / (jnp.sqrt(a * a + b * b) + 1e-9))
     s, t = tangents_of(state.n)
     n = normalize(state.n + s * (shorter * a) + t * (shorter * b))
-    return DescentState(n, jnp.maximum(state.k_d + k_d, 0.0), jnp.maximum(state.k_s + k_s, 0.0), state.cost)
+    return stored(DescentState(n, jnp.maximum(state.k_d + k_d, 0.0), jnp.maximum(state.k_s + k_s, 0.0), state.cost))
 
 
 def lowest(state: DescentState, few: int) -> DescentState:
