@@ -12,10 +12,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 
+from ..core.fields import Array
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT, SMALL, TINY
 from ..core.words import Note
@@ -23,6 +25,7 @@ from ..inverse.data.views import View
 from ..inverse.misfit.conventions import axes_in_words, orders, other_axes
 from ..inverse.unknowns.light_priors import middle_of
 from ..model.cameras import axes
+from ..model.lights import AbstractEmitter
 from ..model.scenes import Scene
 from ..model.vectors import Vec3
 from .light_directions import MIN_SPREAD
@@ -125,10 +128,17 @@ def _lamps(scene: Scene, views: Sequence[View]) -> _Lamps | None:
     middle, found = Vec3.of(middle_of(scene)), []
     for i in used:
         light: Any = scene.lights[i]
-        towards, power = light.arriving(middle)
-        found.append((np.asarray(towards.stack()), float(np.mean(np.asarray(power.stack())))))
+        towards, power = map(np.asarray, _arriving(light, middle))
+        found.append((towards, float(np.mean(power))))
     towards, power = map(np.array, zip(*found, strict=True))
     return _Lamps(towards, power)
+
+
+@jax.jit
+def _arriving(light: AbstractEmitter, p: Vec3) -> tuple[Array, Array]:
+    """Return the direction from a point to a light, and the light that arrives there."""
+    towards, power = light.arriving(p)
+    return towards.stack(), power.stack()
 
 
 def _cells(views: Sequence[View], reader: ViewReader, sample: TexelTile) -> _Cells:

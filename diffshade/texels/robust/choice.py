@@ -26,6 +26,7 @@ from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .calibration import GROUPS
+from .highlight_shape import lobe_taken
 from .learning import Assumptions, ObjectModel, every_assumption, first_model, learned
 from .observations import BlockObservations, observe
 from .robust_descent import DescentState
@@ -65,7 +66,7 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
 
 def from_nothing(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> ObjectModel:
     """Return the model that some texels teach under some assumptions."""
-    model, name = first_model(work.loss, assumed), type(work.setup.lobe).__name__
+    model, name = first_model(work.loss, assumed), type(lobe_taken(work.setup.lobe)).__name__
     for k in range(FIRST_ROUNDS):
         work.tiles.report_progress(f"learning the highlight, {name}:", (k + 1) / FIRST_ROUNDS)
         model = learned(model, work.sample_at_minimum(sample, model))

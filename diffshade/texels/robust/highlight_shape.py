@@ -11,12 +11,13 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ...core.thresholds import SLIGHT
 from ...core.words import Note
-from ...model.lobes import AbstractReflectance, Phong
+from ...model.lobes import AbstractPowerLobe, AbstractReflectance, Phong
+from ...model.vectors import Vec3
 
 EXPONENTS = tuple(4.0 * 2.0**j for j in range(9))
 FIRST = 4  # index of the exponent, 64, that learning begins with
@@ -59,6 +60,24 @@ class HighlightShape(eqx.Module):
             bright = float(weight @ middle ** np.asarray(EXPONENTS)) > 0.5
             low, high = (low, middle) if bright else (middle, high)
         return float(np.log(0.5) / np.log(high))
+
+
+class EitherLobe(AbstractPowerLobe):
+    """One of two lobes, which a number chooses, so that the programs of a fit are compiled once for both."""
+
+    lobes: tuple[AbstractPowerLobe, AbstractPowerLobe]
+    second: Bool[Array, ""]
+    """Whether the second is taken."""
+
+    def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
+        """Return the cosine of the lobe that is taken."""
+        first, second = (lobe.cosine(n, l, v) for lobe in self.lobes)
+        return jnp.where(self.second, second, first)
+
+
+def lobe_taken(lobe: AbstractPowerLobe) -> AbstractPowerLobe:
+    """Return the lobe that is taken of two, or the only one."""
+    return lobe.lobes[int(lobe.second)] if isinstance(lobe, EitherLobe) else lobe
 
 
 def first_shape() -> HighlightShape:

@@ -63,17 +63,16 @@ class ObjectModel(eqx.Module):
     loss: str = eqx.field(static=True)
 
     def weighing(self, level: Float[Array, " texels"]) -> Weighing:
-        """Return what the residuals and k_s of texels of these levels are measured by."""
-        scale = SHARPNESS * jnp.hypot(self.relative_misfit, self.absolute_misfit / level)
-        unlikely = jnp.where(
-            self.assumed.glossy, level / (self.softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE
-        )
+        """Return what the residuals and k_s of texels of these levels are measured by; of the host's arrays, there."""
+        xp = np if isinstance(level, np.ndarray) else jnp
+        scale = SHARPNESS * xp.hypot(self.relative_misfit, self.absolute_misfit / level)
+        unlikely = xp.where(self.assumed.glossy, level / (self.softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE)
         return Weighing(self.softness * scale, unlikely**2, self.loss)
 
     @property
     def softness(self) -> Array:
         """Factor of the scale of the loss."""
-        return jnp.where(self.assumed.outliers, 1.0, NO_OUTLIERS)
+        return NO_OUTLIERS + (1.0 - NO_OUTLIERS) * self.assumed.outliers
 
 
 def first_model(loss: str, assumed: Assumptions) -> ObjectModel:
@@ -149,7 +148,7 @@ def typical_level(level: Float[np.ndarray, " texels"]) -> float:
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:
     """Return the shape after a Gauss-Newton step on the weights, with the first numbers of each texel eliminated."""
     current = np.asarray(model.shape.weight, np.float64)
-    scale = np.asarray(model.weighing(jnp.asarray(texels.level)).scale)
+    scale = np.asarray(model.weighing(np.asarray(texels.level)).scale)
     root = np.sqrt(texels.weight / scale[None] ** 2).T[..., None]  # (texels, views, 1)
     A = np.moveaxis(np.asarray(texels.k_s * texels.powers), 0, -1).swapaxes(0, 1) * root
     target = A @ current - texels.residual.T * root[..., 0]

@@ -100,8 +100,8 @@ class BlockObservations(eqx.Module):
         """Return the same with one more axis of length 1 after that of the views, to be scanned."""
         lights = self.lights
         l, strength = jax.tree.map(lambda leaf: leaf[:, None], (lights.l, lights.strength))
-        v = jax.tree.map(lambda c: jnp.broadcast_to(c[None], (len(self.y), *c.shape)), lights.v)
-        every = eqx.tree_at(lambda o: (o.l, o.strength, o.v), lights, (l, strength, v))
+        v, lobe = jax.tree.map(lambda c: jnp.broadcast_to(c, (len(self.y), *jnp.shape(c))), (lights.v, lights.lobe))
+        every = Lights(l, strength, v, lobe)
         level = jnp.broadcast_to(self.level[None], self.y.shape)
         return BlockObservations(self.y[:, None], self.counts[:, None], self.believed[:, None], level, every)
 

@@ -28,7 +28,7 @@ from .block_coefficients import BlockCoefficients, Shown, coefficients_of, shown
 from .block_fits import Normals, normals_of, seen_by
 from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
-from .highlight_shape import EXPONENTS, note_on_lobe
+from .highlight_shape import EXPONENTS, EitherLobe, lobe_taken, note_on_lobe
 from .learning import Assumptions, ObjectModel, learned
 from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_of
 from .stated_errors import COLUMNS, SpreadColumns, state_errors
@@ -93,15 +93,16 @@ class RobustRun(TexelWork):
         """
         report, given = self.tiles.report_progress, self.setup.lobe
         few = sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
-        self._take(Blinn())
+        both = None if isinstance(given, Blinn) else (Blinn(), given)
+        self._take(Blinn() if both is None else EitherLobe(both, np.array(False)))
         whole = best_model(self, sample) if assumed is None else from_nothing(self, few, assumed)
-        if whole.assumed.glossy and not isinstance(given, Blinn):
-            self._take(given)
+        if whole.assumed.glossy and both is not None:
+            self._take(EitherLobe(both, np.array(True)))
             other = from_nothing(self, few, whole.assumed)
             if other.relative_misfit < MAX_MISFIT_RATIO * whole.relative_misfit:
                 whole = other
             else:
-                self._take(Blinn())
+                self._take(EitherLobe(both, np.array(False)))
         for k in range(ROUNDS):
             report("learning the highlight:", (k + 1) / ROUNDS)
             whole = learned(whole, self.sample_at_minimum(sample, whole))
@@ -150,10 +151,10 @@ class RobustRun(TexelWork):
         times = state_errors(self, shared, arrays, spread)
         store.wait_for_all()
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
-        given = reader.scene.objects[0].material.lobe
-        on_highlight = note_on_lobe(given, self.setup.lobe) if models[0].assumed.glossy else (MATTE_NOTE,)
+        given, taken = reader.scene.objects[0].material.lobe, lobe_taken(self.setup.lobe)
+        on_highlight = note_on_lobe(given, taken) if models[0].assumed.glossy else (MATTE_NOTE,)
         notes = (*notes, *note, *on_highlight)
-        scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, self.setup.lobe)
+        scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, taken)
         return TexelMaps(
             arrays.values(),
             arrays.errors(),
