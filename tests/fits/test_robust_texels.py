@@ -19,11 +19,11 @@ from diffshade.texels.robust.block_fits import by_bounce, lowest_state
 from diffshade.texels.robust.calibration import calibrated, division_of
 from diffshade.texels.robust.candidates import hemisphere
 from diffshade.texels.robust.disagreement import CELLS, disagreements
-from diffshade.texels.robust.highlight_shape import EXPONENTS, HighlightShape, shape_of
+from diffshade.texels.robust.highlight_shape import EXPONENTS, EitherLobe, HighlightShape, lobe_taken, shape_of
 from diffshade.texels.robust.learning import every_assumption, first_model
 from diffshade.texels.robust.neighbours import geometric_median, scatter_of
 from diffshade.texels.robust.observations import BlockObservations, Lights
-from diffshade.texels.robust.robust_descent import around, system
+from diffshade.texels.robust.robust_descent import around, begin, system
 from diffshade.texels.robust.stated_errors import COLUMNS, SpreadColumns
 from diffshade.texels.unexplained import interpolation_of, smoothing_of
 from tests.support.measured import measured
@@ -236,6 +236,43 @@ def test_spreads_add_what_misfits_show_and_do_not_show():
     assert one.of_normal(0.2) == pytest.approx(0.5)  # hypot(.3, .4) where the scatter is typical
     assert one.of_normal(0.4) == pytest.approx(np.hypot(0.15, 0.4))
     assert one.stacked().shape == (1, COLUMNS)
+
+
+class Halved(ds.extension.AbstractPowerLobe):
+    """Blinn's lobe with a number of its own."""
+
+    share: float
+
+    def cosine(self, n, l, v):
+        return self.share * ds.Blinn().cosine(n, l, v)
+
+
+def test_one_of_two_lobes_is_chosen_by_a_number():
+    n, l, v = (Vec3.of(np.array(of)) for of in ((0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, 0.6, 0.8)))
+    for which, lobe in enumerate(both := (ds.Blinn(), Halved(0.5))):
+        either = EitherLobe(both, np.array(bool(which)))
+        assert lobe_taken(either) is lobe
+        assert float(either.cosine(n, l, v)) == pytest.approx(float(lobe.cosine(n, l, v)), rel=1e-6)
+    assert lobe_taken(Halved(0.5)).share == 0.5
+
+
+def test_views_are_added_up_one_by_one_with_a_lobe_that_has_numbers():
+    l = lights_about(6)
+    each = Vec3(*(jnp.asarray(l[:, i, None, None], jnp.float32) for i in range(3)))
+    toward_us = Vec3(*(jnp.full((1, 1, 1), c, jnp.float32) for c in (0.0, 0.0, 1.0)))
+    lights = Lights(each, jnp.ones((6, 1, 1), jnp.float32), toward_us, Halved(np.float32(0.9)))
+    seen = jnp.ones((6, 1), bool)
+    observed = BlockObservations(jnp.full((6, 1), 0.4, jnp.float32), seen, seen, jnp.ones(1, jnp.float32), lights)
+    model = first_model("squares", every_assumption()[0])
+    weighing = model.weighing(observed.level)
+    state = begin(observed, model.shape, weighing, Vec3.of(np.array([[0.1], [0.2], [0.97]], np.float32).T))
+    here = around(observed, model.shape, weighing, state)
+    found = system(observed, model.shape, weighing, state)
+    for i in range(3):  # of k_s, its ridge is added
+        for j in range(3):
+            assert float(found.A[i][j][0]) == pytest.approx(
+                float(jnp.sum(here.weight * here.J[i] * here.J[j])), rel=1e-4
+            )
 
 
 @pytest.mark.thorough

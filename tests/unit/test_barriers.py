@@ -8,7 +8,7 @@ import pytest
 import diffshade as ds
 from diffshade.core import barriers
 from diffshade.core.backend import QUICKLY, _known
-from diffshade.core.barriers import computed_once
+from diffshade.core.barriers import computed_once, stored
 
 X = jnp.linspace(0.1, 0.9, 12).reshape(3, 4)
 
@@ -74,6 +74,20 @@ def test_a_derivative_does_not_repeat_what_its_results_share():
         growth(jax.grad(lambda a, once=once: chained(a, once=once, steps=16)), a) for once in (True, False)
     )
     assert with_barriers < 0.5 * without
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="the CPU's compiler")
+def test_what_is_stored_is_not_repeated_in_what_shares_it():
+    def shared(x, keep):
+        for _ in range(8):
+            x = jnp.sin(x) * x + jnp.cos(x)
+        x = stored(x) if keep else x
+        return [x * k + jnp.roll(x, k) for k in range(1, 9)]
+
+    kept, fused = (growth(lambda x, keep=keep: shared(x, keep), X) for keep in (True, False))
+    assert kept < 0.5 * fused
+    for one, other in zip(*(jax.jit(lambda x, keep=keep: shared(x, keep))(X) for keep in (True, False)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5)
 
 
 @pytest.mark.thorough

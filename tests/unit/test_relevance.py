@@ -101,3 +101,24 @@ def test_without_a_direction_nothing_is_found():
     found = relevance(evidence(noise(16), np.zeros((0, N)), np.zeros(0, int)))
     assert found.active.size == 0
     assert found.sigma2 == pytest.approx(SIGMA**2, rel=0.15)
+
+
+def test_no_amount_changes_more_than_the_pictures_hold():
+    """A direction that is an unknown's but for a millionth: what is left of it would need amounts of a million."""
+    other = RANDOM.standard_normal(N)
+    nearly = (J[0] + 1e-6 * other)[None]
+    samples = J[1] + 0.5 * other + noise(17)
+    found = relevance(evidence(samples, nearly, np.array([0])))
+    assert found.active.tolist() == [True]
+    assert abs(found.mean[0]) < 2.0 * np.linalg.norm(samples)
+    assert found.covariance[0, 0] <= samples @ samples
+
+
+def test_groups_are_found_in_few_steps_however_little_the_residuals_tell_of_them(monkeypatch):
+    """Two groups that are alike but for rounding: neither size of theirs is likelier, and the search ends."""
+    steps, inv = [], np.linalg.inv
+    monkeypatch.setattr(np.linalg, "inv", lambda A: steps.append(len(A)) or inv(A))
+    alike = np.stack([DIRECTIONS[0], DIRECTIONS[1], DIRECTIONS[0] + 1e-12 * DIRECTIONS[2], DIRECTIONS[1]])
+    found = relevance(evidence(alike[0] + noise(18), alike, np.array([0, 0, 1, 1])))
+    assert found.active.sum() == 1
+    assert len(steps) < 100

@@ -64,15 +64,15 @@ class ObjectModel(eqx.Module):
 
     def weighing(self, level: Float[Array, " texels"]) -> Weighing:
         """Return what the residuals and k_s of texels of these levels are measured by; of the host's arrays, there."""
-        xp = np if isinstance(level, np.ndarray) else jnp
+        xp, softness = (np, float(self.softness)) if isinstance(level, np.ndarray) else (jnp, self.softness)
         scale = SHARPNESS * xp.hypot(self.relative_misfit, self.absolute_misfit / level)
-        unlikely = xp.where(self.assumed.glossy, level / (self.softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE)
-        return Weighing(self.softness * scale, unlikely**2, self.loss)
+        unlikely = xp.where(self.assumed.glossy, level / (softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE)
+        return Weighing(softness * scale, unlikely**2, self.loss)
 
     @property
     def softness(self) -> Array:
         """Factor of the scale of the loss."""
-        return NO_OUTLIERS + (1.0 - NO_OUTLIERS) * self.assumed.outliers
+        return jnp.where(self.assumed.outliers, 1.0, NO_OUTLIERS)
 
 
 def first_model(loss: str, assumed: Assumptions) -> ObjectModel:
