@@ -43,11 +43,14 @@ def cold_start_ratios() -> Ratios:
     from timing import in_a_process
 
     code = "import os, json, jax; t = os.times(); print(json.dumps({'cpu': t.user + t.system}))"
-    rounds = [
-        (cold_start.measure(1, ways=cold_start.WAYS[:1])[cold_start.WAYS[0]][0]["cpu"], in_a_process("-c", code)["cpu"])
-        for _ in range(3)
-    ]
-    return {"cold start 256: import and ds.fit / import jax": float(np.median([ours / its for ours, its in rounds]))}
+    jax_alone = np.median([in_a_process("-c", code)["cpu"] for _ in range(3)])
+    right, _, _, off = cold_start.WAYS
+    found = cold_start.measure(3, ways=(right, off))
+    of = {"import and ds.fit": right, "the same, lamp off": off}
+    return {
+        f"cold start 256: {what} / import jax": float(np.median([run["cpu"] for run in found[way]]) / jax_alone)
+        for what, way in of.items()
+    }
 
 
 def texel_ratios() -> Ratios:

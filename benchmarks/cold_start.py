@@ -9,6 +9,7 @@ to the end of the fit: it hardly depends on who else uses the machine. `best` is
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import tempfile
@@ -18,7 +19,8 @@ from typing import Any
 
 SIZE = 256
 FREE = ("k_a", "k_d", "k_s", "n_s")
-WAYS = ("without a cache", "filling a cache", "from a full cache")
+WAYS = ("without a cache", "filling a cache", "from a full cache", "without a cache, lamp off")
+OFF = 5.0  # degrees
 
 
 def main() -> None:
@@ -54,8 +56,9 @@ def measure(rounds: int, size: int = SIZE, ways: tuple[str, ...] = WAYS) -> dict
 
     found: dict[str, list[dict]] = {way: [] for way in ways}
     with tempfile.TemporaryDirectory() as folder:
-        image = Path(folder) / "photograph.npy"
-        np.save(image, photograph(size))
+        images = {off: Path(folder) / f"photograph_{off:g}.npy" for off in (0.0, OFF)}
+        for off, image in images.items():
+            np.save(image, photograph(size, off))
         for k in range(rounds):
             cache = Path(folder) / f"cache{k}"
             for way in ways:
@@ -64,21 +67,34 @@ def measure(rounds: int, size: int = SIZE, ways: tuple[str, ...] = WAYS) -> dict
                     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
                     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
                 }
-                environment = {} if way == WAYS[0] else with_cache
+                environment = with_cache if way in WAYS[1:3] else {}
+                image = images[OFF if way == WAYS[3] else 0.0]
                 found[way].append(in_a_process(__file__, "--one", str(image), environment=environment))
     return found
 
 
-def photograph(size: int) -> Any:
-    """Return a ball under a lamp, with noise, as NumPy makes it: the processes render nothing but in their fits."""
+def photograph(size: int, off: float) -> Any:
+    """Return a glossy ball under a lamp, with noise; the lamp is turned by `off` degrees about the y axis."""
     import numpy as np
 
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
-    z = np.sqrt(np.clip(0.7 - x * x - y * y, 0, None))
-    n = np.stack([x, y, z], -1) / np.sqrt(0.7)
-    n_l = np.clip(n @ np.array([0.4, 0.5, 0.77]), 0, None)[..., None]
-    image = 0.05 + n_l * (0.70, 0.25, 0.20) + 0.4 * n_l**60
+    import diffshade as ds
+
+    scene, camera = setting(size)
+    a = np.deg2rad(off)
+    turn = np.array([[np.cos(a), 0.0, np.sin(a)], [0.0, 1.0, 0.0], [-np.sin(a), 0.0, np.cos(a)]])
+    (lamp,), material = scene.lights, ds.Material(k_a=0.05, k_d=(0.70, 0.25, 0.20), k_s=0.4, n_s=30)
+    lamp = dataclasses.replace(lamp, position=turn @ lamp.position)
+    image = np.asarray(ds.render(ds.Scene(ds.Object(ds.Sphere(), material), lamp), camera), np.float64)
     return image + 0.005 * np.random.default_rng(0).standard_normal(image.shape)
+
+
+def setting(size: int) -> tuple[Any, Any]:
+    """Return the scene that is fitted, and its camera."""
+    import diffshade as ds
+
+    fade = ds.RadialAttenuation(1.0, 0.1, 0.5)
+    scene = ds.Scene(ds.Object(ds.Sphere()), ds.PointLight((2, 3, 4), intensity=10, attenuation=fade))
+    return scene, ds.Camera(eye=(0, 0, 4), fov=35, shape=(size, size))
 
 
 def start(image: Path) -> dict:
@@ -90,9 +106,7 @@ def start(image: Path) -> dict:
 
     imported = time.perf_counter()
     target = np.load(image)
-    camera = ds.Camera(eye=(0, 0, 4), fov=35, shape=target.shape[:2])
-    fade = ds.RadialAttenuation(1.0, 0.1, 0.5)
-    scene = ds.Scene(ds.Object(ds.Sphere()), ds.PointLight((2, 3, 4), intensity=10, attenuation=fade))
+    scene, camera = setting(len(target))
     ds.fit(scene, ds.View(target, camera), free=FREE)
     done, times = time.perf_counter(), os.times()
     return {

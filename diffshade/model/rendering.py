@@ -82,9 +82,9 @@ def render(
 
 
 def render_once(
-    scene: Scene, camera: AbstractCamera, lit: Sequence[int] | int | None, samples: int
+    scene: Scene, camera: AbstractCamera, lit: Sequence[int] | int | None = None, samples: int = 1
 ) -> Float[Array, "height width channels"]:
-    """Return `render` for a process that renders one picture: where it is small, it is compiled in half the time.
+    """Return `render` for a scene that is drawn once or a few times: a small picture is compiled in half the time.
 
     The program of such a picture takes nearly twice as long, which is less than what compiling takes.
     """

@@ -23,7 +23,7 @@ def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
     """Return what a view's photograph of a scene would be, unclipped, in its channels."""
     if view.lit is not None:  # first: of hundreds of lights a view has one
         scene = dataclasses.replace(scene, lights=select(scene, view.lit))
-    return record(np.asarray(render_once(scene, view.camera, None, 1)), view)
+    return record(np.asarray(render_once(scene, view.camera)), view)
 
 
 def record(radiance: Float[np.ndarray, "h w 3"], view: View) -> Float[np.ndarray, "h w c"]:

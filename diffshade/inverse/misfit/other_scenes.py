@@ -8,11 +8,13 @@ from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
+from ...core.fields import Array
 from ...core.thresholds import MOST, SINGLE, SLIGHT
-from ...model.attenuation import RadialAttenuation
+from ...model.attenuation import AbstractAttenuation, RadialAttenuation
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.gbuffers import GBuffer
@@ -94,18 +96,23 @@ def with_lamps(fit: Fit, change: Callable[[Any, np.ndarray], Any]) -> Scene:
 def falling(power: int, lamp: Any, center: np.ndarray) -> Any:
     """Return a lamp whose light falls off by a power of the distance, and is what it was at the centre."""
     d = float(np.linalg.norm(np.asarray(lamp.position) - center))
-    there = float(lamp.attenuation(d))
+    there = float(_factor(lamp.attenuation, d))
     if not d > 0.0 or not there > 0.0:
         return lamp
     law = RadialAttenuation(*((np.arange(3) == power) / (there * d**power)))
     return eqx.tree_at(lambda of: of.attenuation, lamp, law)
 
 
+@jax.jit
+def _factor(law: AbstractAttenuation, d: float) -> Array:
+    return law(d)
+
+
 def farther(factor: float, lamp: Any, center: np.ndarray) -> Any:
     """Return a lamp that is farther from the centre by a factor, and as strong there."""
     arm = np.asarray(lamp.position) - center
     d = float(np.linalg.norm(arm))
-    there, then = float(lamp.attenuation(d)), float(lamp.attenuation(factor * d))
+    there, then = float(_factor(lamp.attenuation, d)), float(_factor(lamp.attenuation, factor * d))
     if not then > 0.0:
         return lamp
     moved = center + factor * arm, there / then * np.asarray(lamp.intensity)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -18,11 +18,11 @@ from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...core.thresholds import SMALL
 from ...model.cameras import AbstractCamera, Projection
-from ...model.rendering import pixel_rays, render, visible_points
+from ...model.rendering import pixel_rays, visible_points
 from ...model.scenes import Object
 from ...model.surfaces import Sphere
 from ...model.vectors import Vec3, dot
-from ..data.recording import record
+from ..data.recording import photograph
 from ..data.samples import MIN_PILE, Samples
 from ..data.views import View
 from ..result import Fit
@@ -82,7 +82,7 @@ class Rim:
 
 def predicted(fit: Fit, view: View, lit: Sequence[int] | None) -> Picture:
     """Return a fit's prediction with these lights on, the mean of the channels."""
-    return record(np.asarray(render(fit.scene, view.camera, lit=lit)), view).mean(-1)
+    return photograph(fit.scene, replace(view, lit=lit)).mean(-1)
 
 
 def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> MeanPrediction:
@@ -90,12 +90,12 @@ def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> MeanPr
 
     Samples clipped at the bottom count: they may be in a shadow.
     """
-    photograph = samples.photograph[:].astype(np.float64).mean(-1)
-    counts = np.zeros(photograph.shape, bool)
+    shown = samples.photograph[:].astype(np.float64).mean(-1)
+    counts = np.zeros(shown.shape, bool)
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)
     if excluded is not None:
         counts &= ~excluded
-    return MeanPrediction(np.where(counts, photograph, 0.0), predicted(fit, view, view.lit), counts)
+    return MeanPrediction(np.where(counts, shown, 0.0), predicted(fit, view, view.lit), counts)
 
 
 def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture]) -> list[Shadow]:

@@ -15,7 +15,7 @@ from ...core.robust_scale import RARE
 from ...core.thresholds import ROUNDING, SLIGHT, SMALL, VAGUE
 from ...core.words import Note
 from ...model.materials import Material
-from ...model.rendering import render
+from ...model.rendering import render_once
 from ...model.scenes import Scene
 from ..data.view_sets import Masks
 from ..data.views import View, lights_on
@@ -91,7 +91,7 @@ def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     scene = replace(scene, lights=[scene.lights[i] for i in lights_on(scene, view)])
     black = np.zeros(len(scene.channels))
     dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, [black] * len(scene.objects))
-    with_it, without = (np.asarray(render(s, view.camera)) for s in (scene, dull))
+    with_it, without = (np.asarray(render_once(s, view.camera)) for s in (scene, dull))
     return (with_it - without).mean(-1)
 
 
@@ -106,7 +106,7 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     plain = Scene(objects, shadows=scene.shadows, bands=scene.bands)
     nearest = np.full(view.camera.shape, -1.0)
     for i in lights_on(scene, view):
-        cosine = np.asarray(render(replace(plain, lights=(scene.lights[i].bare(),)), view.camera)).max(-1)
+        cosine = np.asarray(render_once(replace(plain, lights=(scene.lights[i].bare(),)), view.camera)).max(-1)
         nearest = np.maximum(nearest, np.where(cosine > 0, cosine, -1.0))
     return np.rad2deg(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
