@@ -184,7 +184,7 @@ def test_images_that_fit_exactly_raise_no_suspicion():
     assert suspicions(clean_fit()) == ()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_faults_of_several_kinds_are_told_apart_with_their_sizes_and_places():
     scene, images = standard_scene(), list(clean_images())
     there = turned(np.asarray(scene.lights[3].position), 6)  # pyright: ignore[reportAttributeAccessIssue]

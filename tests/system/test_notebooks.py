@@ -19,10 +19,11 @@ NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 SLIDERS = ("01_light_and_matter", "05_attenuation", "06_transparency", "07_texel_maps")
 
 # what these do is in test_what_views_cannot_tell.py, test_all_figures.py, test_robust_texels.py, test_live_maps.py,
-# test_photographs_fitted.py, test_exchange.py and test_height_meshes.py
+# test_photographs_fitted.py, test_exchange.py, test_height_meshes.py and test_features.py
 ELSEWHERE = (
     "03_what_an_image_can_tell",
     "04_the_figures_of_a_lecture",
+    "05_attenuation",
     "06_transparency",
     "07_texel_maps",
     "08_from_photographs_to_threejs",
