@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import special
 
-from ...core.thresholds import MAX_STEPS, SINGLE, SLIGHT
+from ...core.thresholds import MAX_STEPS, NEGLIGIBLE, SINGLE, SLIGHT
 from ..statistics.uncertainty import Matrix, Vector
 from .noise_tests import FALSE_ALARM
 
@@ -102,7 +102,8 @@ def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"], near: Rel
         told = np.maximum(sizes - np.bincount(own, np.diag(C), len(sizes)), 1e-12)  # of the numbers of each group
         before, variance = variance, np.clip(np.bincount(own, mean**2, len(sizes)) / told, 1e-14 * of.squares, of.most)
         sigma2 = max((of.squares - 2.0 * mean @ s + mean @ A @ mean) / max(of.freedom - told.sum(), 1.0), 1e-300)
-        if np.all(np.abs(np.log(variance / before)) < SLIGHT):
+        change = np.log(variance / before)
+        if np.all((np.abs(change) < SLIGHT) | ((change < 0.0) & (told < NEGLIGIBLE))):  # what fades to 0 fades slowly
             break
     whole, spread, gain = np.zeros(len(of.score)), np.zeros(of.information.shape), np.zeros(len(active))
     variances = np.zeros(len(active))
