@@ -90,9 +90,7 @@ def with_new_arrays(tree: T) -> T:
     return jax.tree.map(anew, tree)
 
 
-def jit_quickly(
-    program: Callable, static_argnums: int | Sequence[int] | None = None, options: dict = QUICKLY
-) -> Callable:
+def jit_quickly(program: Callable, static_argnames: str | Sequence[str] = (), options: dict = QUICKLY) -> Callable:
     """Return a jitted program that the CPU's compiler is quick with, since it optimises less.
 
     By default it does not optimise at all, which is for programs of a few numbers; `PLAINLY` and `SOONER` are for those
@@ -101,7 +99,7 @@ def jit_quickly(
 
     @functools.cache
     def jitted() -> Callable:
-        return jax.jit(program, static_argnums=static_argnums, compiler_options=_known(tuple(options.items())))
+        return jax.jit(program, static_argnames=static_argnames, compiler_options=_known(tuple(options.items())))
 
     @functools.wraps(program)
     def run(*arguments: Any) -> Any:

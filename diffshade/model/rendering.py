@@ -283,7 +283,7 @@ _render = jax.jit(_image, static_argnames=("by_rows", "samples"))
 _render_unfused = jax.jit(_image, static_argnames=("by_rows", "samples"), compiler_options=UNFUSED)
 
 
-@partial(jit_quickly, static_argnums=(3, 4), options=PLAINLY)
+@partial(jit_quickly, static_argnames=("by_rows", "samples"), options=PLAINLY)
 def _render_plainly(
     scene: StackedScene, camera: AbstractCamera, key: PRNGKeyArray | None, by_rows: bool, samples: int
 ) -> Float[Array, "height width channels"]:
@@ -328,7 +328,7 @@ def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[np.n
     return image
 
 
-@partial(jit_quickly, static_argnums=2, options=SOONER)
+@partial(jit_quickly, static_argnames="count", options=SOONER)
 def _silhouette_of_rows(
     objects: tuple[Object, ...], camera: AbstractCamera, count: int, first: Float[Array, ""] | float
 ) -> Bool[Array, "count w"]:

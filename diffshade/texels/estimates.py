@@ -100,7 +100,7 @@ def estimate(
 
 
 # of so few texels that the program, which takes seven times as long, is compiled in a third of the time
-estimate_few = jit_quickly(estimate, static_argnums=6)
+estimate_few = jit_quickly(estimate, static_argnames="options")
 
 
 def _candidates(

@@ -135,11 +135,11 @@ def _summarise(structure: Any, leaves: list[Any], theta: Array, chunk: Block) ->
     return jax.tree.unflatten(structure, leaves).summary(theta, chunk)
 
 
-_summary = jit_quickly(_summarise, 0, PLAINLY)
-_summary_unfused = jax.jit(_summarise, static_argnums=0, compiler_options=UNFUSED)
+_summary = jit_quickly(_summarise, "structure", PLAINLY)
+_summary_unfused = jax.jit(_summarise, static_argnames="structure", compiler_options=UNFUSED)
 
 
-@partial(jit_quickly, static_argnums=0)
+@partial(jit_quickly, static_argnames="structure")
 def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> Point:
     model, priors, box = jax.tree.unflatten(structure, leaves)
     return point_of(theta, model, priors, box, summary)
