@@ -244,7 +244,7 @@ def _lessons(
 @jax.jit
 def _mean_square(network: Network, lessons: Lessons) -> Float[Array, ""]:
     """Return the mean square of what the network is off."""
-    return jnp.mean((jax.vmap(network)(lessons.x, lessons.candidates) - lessons.off) ** 2)
+    return jnp.mean((jax.vmap(network)(jnp.asarray(lessons.x), lessons.candidates) - lessons.off) ** 2)
 
 
 @jax.jit

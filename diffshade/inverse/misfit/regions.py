@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ...core.backend import SOONER, jit_quickly
+from ...core.fields import Array
 from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...core.thresholds import SMALL
@@ -179,7 +180,7 @@ def seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> SeenPoin
 
 
 @partial(jit_quickly, options=SOONER)
-def _seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[jax.Array | None, ...]:
+def _seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Array | None, ...]:
     normal, position, inside = visible_points(objects, camera)
     projection: Projection = camera.projection()
     n_v = dot(Vec3.of(normal), projection.viewer(None if position is None else Vec3.of(position)))
