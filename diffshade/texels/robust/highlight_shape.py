@@ -29,11 +29,9 @@ class HighlightShape(eqx.Module):
     weight: Float[Array, " powers"]
 
     def at(self, cosine: Float[Array, "..."]) -> tuple[Array, Array]:
-        """Return S and its derivative by the cosine, at cosines from 0 to 1, by squaring again and again."""
-        power = (cosine * cosine) ** 2
-        value, slope = self.weight[0] * power, EXPONENTS[0] * self.weight[0] * power
-        for exponent, weight in zip(EXPONENTS[1:], self.weight[1:], strict=True):
-            power = power * power
+        """Return S and its derivative by the cosine, at cosines from 0 to 1."""
+        value = slope = jnp.zeros_like(cosine)
+        for exponent, weight, power in zip(EXPONENTS, self.weight, powers_of(cosine), strict=True):
             value, slope = value + weight * power, slope + exponent * weight * power
         return value, slope / jnp.maximum(cosine, 1e-3)
 
@@ -60,6 +58,14 @@ class HighlightShape(eqx.Module):
             bright = float(weight @ middle ** np.asarray(EXPONENTS)) > 0.5
             low, high = (low, middle) if bright else (middle, high)
         return float(np.log(0.5) / np.log(high))
+
+
+def powers_of(cosine: Float[Array, "..."]) -> list[Float[Array, "..."]]:
+    """Return the powers of a cosine by `EXPONENTS`, by squaring again and again."""
+    powers = [(cosine * cosine) ** 2]
+    for _ in EXPONENTS[1:]:
+        powers.append(powers[-1] * powers[-1])
+    return powers
 
 
 class EitherLobe(AbstractPowerLobe):

@@ -19,7 +19,7 @@ from ...core.fields import Array
 from ...core.robust_scale import MAD
 from ...core.thresholds import MINOR, MOST, NEGLIGIBLE, SMALL
 from ..status import ROUNDING
-from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
+from .highlight_shape import HighlightShape, first_shape, shape_of
 from .observations import BlockObservations
 from .robust_descent import DescentState, Weighing, around
 
@@ -104,10 +104,8 @@ class Fitted(NamedTuple):
 def fitted(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Fitted:
     """Return what learning needs of a block of texels at their minimum."""
     here = around(observed, model.shape, model.weighing(observed.level), state)
-    each = [HighlightShape(row) for row in np.eye(len(EXPONENTS), dtype=np.float32)]
-    powers = jnp.stack([observed.lights.shading(shape, state.n)[1] for shape in each])
-    J = jnp.stack(here.J)
-    return Fitted(here.residual, here.weight, J, powers, state.k_s, observed.level, observed.lights.reach(state.n))
+    powers, lit = observed.lights.shading_of_powers(state.n), observed.lights.reach(state.n)
+    return Fitted(here.residual, here.weight, jnp.stack(here.J), powers, state.k_s, observed.level, lit)
 
 
 def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> ObjectModel:

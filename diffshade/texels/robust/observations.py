@@ -19,7 +19,7 @@ from ..blocks import TexelBlock, reflected
 from ..geometry import FreeNormalGeometry, lighting_geometry
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
-from .highlight_shape import HighlightShape
+from .highlight_shape import HighlightShape, powers_of
 
 DARKEST_SHARE = 0.15  # share of the observations that is left out, so long as MIN_BELIEVED are left
 MIN_BELIEVED = 5
@@ -41,6 +41,11 @@ class Lights(eqx.Module):
         lit, n_l, cosine = self._cosines(n)
         S, _ = shape.at(cosine)
         return self._sum(jnp.where(lit, n_l, 0.0)), self._sum(jnp.where(lit, S, 0.0))
+
+    def shading_of_powers(self, n: Vec3) -> Float[Array, "powers views texels"]:
+        """Return each power of the cosine that a highlight has."""
+        lit, _, cosine = self._cosines(n)
+        return jnp.stack([self._sum(jnp.where(lit, power, 0.0)) for power in powers_of(cosine)])
 
     def shading_of_power(self, n_s: Float[Array, " texels"], n: Vec3) -> tuple[Array, Array]:
         """Return D and a single power of the cosine of each view."""
