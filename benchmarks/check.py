@@ -37,20 +37,23 @@ def shading_ratios() -> Ratios:
 
 
 def cold_start_ratios() -> Ratios:
-    """A fit from a cold process, in the time that it takes to import jax: of processors, which others do not change."""
+    """A fit from a cold process, in the time that it takes to import jax: of processors, which others do not change.
+
+    Once of a photograph under the lamp that the scene has, and once under one five degrees beside it.
+    """
     import cold_start
     import numpy as np
     from timing import in_a_process
 
     code = "import os, json, jax; t = os.times(); print(json.dumps({'cpu': t.user + t.system}))"
-    jax_alone = np.median([in_a_process("-c", code)["cpu"] for _ in range(3)])
-    right, _, _, off = cold_start.WAYS
-    found = cold_start.measure(3, ways=(right, off))
-    of = {"import and ds.fit": right, "the same, lamp off": off}
-    return {
-        f"cold start 256: {what} / import jax": float(np.median([run["cpu"] for run in found[way]]) / jax_alone)
-        for what, way in of.items()
-    }
+    right, *_, off = cold_start.WAYS
+    rounds: dict[str, list[float]] = {right: [], off: []}
+    for _ in range(3):
+        found, jax_alone = cold_start.measure(1, ways=(right, off)), in_a_process("-c", code)["cpu"]
+        for way, of_way in rounds.items():
+            of_way.append(found[way][0]["cpu"] / jax_alone)
+    names = {right: "import and ds.fit", off: "import and ds.fit, lamp off"}
+    return {f"cold start 256: {names[way]} / import jax": float(np.median(of)) for way, of in rounds.items()}
 
 
 def texel_ratios() -> Ratios:

@@ -74,3 +74,11 @@ def test_how_bright_a_lamp_is_though_nothing_stays_determined():
     assert not fit.determined.any()
     assert "views[0] is 1.28 times as bright as views[1] predicts" in note
     assert fit.notes[0] is note
+
+
+def test_that_the_lamp_was_off():
+    """Photographs that show nothing but their black level: what a fault may change of them is what is predicted."""
+    view = ds.View(np.full((48, 48, 3), 0.5), CAMERA, lit=0, black=0.5, noise=0.01)
+    fit, _ = said(ball(k_a=0.1), [view], free=("k_d",))
+    np.testing.assert_allclose(fit.values, 0.0, atol=1e-6)
+    assert np.isfinite(fit.errors).all()

@@ -19,7 +19,15 @@ from diffshade.texels.robust.block_fits import by_bounce, lowest_state
 from diffshade.texels.robust.calibration import calibrated, division_of
 from diffshade.texels.robust.candidates import hemisphere
 from diffshade.texels.robust.disagreement import CELLS, disagreements
-from diffshade.texels.robust.highlight_shape import EXPONENTS, EitherLobe, HighlightShape, lobe_taken, shape_of
+from diffshade.texels.robust.choice import _error_of_own
+from diffshade.texels.robust.highlight_shape import (
+    EXPONENTS,
+    EitherLobe,
+    HighlightShape,
+    beside_blinn,
+    lobe_taken,
+    shape_of,
+)
 from diffshade.texels.robust.learning import every_assumption, first_model
 from diffshade.texels.robust.neighbours import geometric_median, scatter_of
 from diffshade.texels.robust.observations import BlockObservations, Lights
@@ -241,7 +249,7 @@ def test_spreads_add_what_misfits_show_and_do_not_show():
 class Halved(ds.extension.AbstractPowerLobe):
     """Blinn's lobe with a number of its own."""
 
-    share: float | np.float32
+    share: float | np.floating
 
     def cosine(self, n, l, v):
         return self.share * ds.Blinn().cosine(n, l, v)
@@ -253,7 +261,10 @@ def test_one_of_two_lobes_is_chosen_by_a_number():
         either = EitherLobe(both, np.array(bool(which)))
         assert lobe_taken(either) is lobe
         assert float(either.cosine(n, l, v)) == pytest.approx(float(lobe.cosine(n, l, v)), rel=1e-6)
+        assert beside_blinn(either) is either
     assert lobe_taken(both[1]) is both[1]
+    assert lobe_taken(beside_blinn(both[1])) is both[1]
+    assert beside_blinn(both[0]) is both[0]
 
 
 def test_views_are_added_up_one_by_one_with_a_lobe_that_has_numbers():
@@ -268,6 +279,8 @@ def test_views_are_added_up_one_by_one_with_a_lobe_that_has_numbers():
     state = begin(observed, model.shape, weighing, Vec3.of(np.array([[0.1], [0.2], [0.97]], np.float32).T))
     here = around(observed, model.shape, weighing, state)
     found = system(observed, model.shape, weighing, state)
+    own = np.array([[0.1], [0.2], [0.97], [0.4], [0.1], [20.0]], np.float32)
+    assert _error_of_own(observed, Halved(np.float64(0.9)), own).dtype == np.float32  # whatever its numbers are
     for i in range(3):  # of k_s, its ridge is added
         for j in range(3):
             assert float(found.A[i][j][0]) == pytest.approx(

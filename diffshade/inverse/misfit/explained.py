@@ -178,7 +178,9 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
         squares, freedom = squares + weight * float(np.sum(shown**2)), freedom + len(shown)
     for of in (of.of for of in candidates if of.case.known):  # which the residuals need not show
         information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
-    return FaultEvidence(information, score, group, squares, freedom, float(at.weight @ at.shown**2))
+    # a change is what is predicted less what is shown: at most about as large as the photographs and the residuals
+    most = max(squares, float(at.weight @ at.photographed**2))
+    return FaultEvidence(information, score, group, squares, freedom, most)
 
 
 def _named(

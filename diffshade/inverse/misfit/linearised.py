@@ -85,7 +85,7 @@ class Linearised:
         return self.predicted - np.array([float(view.black) for view in self.fit.views])[self.set_up.view]
 
     @property
-    def shown(self) -> Float[np.ndarray, " n"]:
+    def photographed(self) -> Float[np.ndarray, " n"]:
         """What the photographs show above black; of a sample without weight, what is predicted."""
         return self.light - self.slope / np.where(self.weight > 0, self.weight, np.inf)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ...core.backend import SOONER, jit_quickly
-from ...core.fields import Array
 from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...core.thresholds import SMALL
@@ -176,16 +175,17 @@ class SeenPoints(NamedTuple):
 
 def seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> SeenPoints:
     """Return what a camera sees of objects. All that faults need of it is one program, which is compiled once."""
-    return SeenPoints(*jax.tree.map(np.asarray, _seen_points(objects, camera)))
+    return jax.tree.map(np.asarray, _seen_points(objects, camera))
 
 
 @partial(jit_quickly, options=SOONER)
-def _seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Array | None, ...]:
+def _seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> SeenPoints:
     normal, position, inside = visible_points(objects, camera)
     projection: Projection = camera.projection()
     n_v = dot(Vec3.of(normal), projection.viewer(None if position is None else Vec3.of(position)))
     ray = pixel_rays(projection, camera.shape).direction.stack()
-    return normal, position, inside, jnp.where(inside, n_v, -jnp.inf), ray
+    found: Any = normal, position, inside, jnp.where(inside, n_v, -jnp.inf), ray  # arrays of JAX, not yet the host's
+    return SeenPoints(*found)
 
 
 def center_of(objects: tuple[Object, ...], camera: AbstractCamera) -> Float[np.ndarray, "3"]:

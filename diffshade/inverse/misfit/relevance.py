@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import special
 
-from ...core.thresholds import MAX_STEPS, NEGLIGIBLE, SINGLE, SLIGHT
+from ...core.thresholds import MAX_STEPS, NEGLIGIBLE, ROUNDING, SINGLE, SLIGHT
 from ..statistics.uncertainty import Matrix, Vector
 from .noise_tests import FALSE_ALARM
 
@@ -35,7 +35,7 @@ class FaultEvidence:
     freedom: float
     """Samples less fitted numbers."""
     most: float
-    """The square of the largest amount: a change that is as large as the pictures."""
+    """The largest variance of an amount: that of a change as large as the pictures and the residuals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,7 @@ class Relevance:
 def relevance(of: FaultEvidence) -> Relevance:
     """Return which groups are in the residuals: those that show alone, less what others explain as well."""
     groups = int(of.group.max(initial=-1)) + 1
-    size, nothing, none = np.bincount(of.group, minlength=groups), np.zeros(groups), np.zeros(len(of.score))
-    found = Relevance(nothing > 0, nothing, nothing, none, np.outer(none, none), of.squares / of.freedom)
+    found, size = _posterior(of, np.zeros(groups, bool), None), np.bincount(of.group, minlength=groups)
     for _ in range(ROUNDS):
         p_values = _p_values(of, found)
         surest = [k for k in np.argsort(p_values, kind="stable") if not found.active[k] and p_values[k] < FALSE_ALARM]
@@ -82,17 +81,20 @@ def _pruned(of: FaultEvidence, found: Relevance, more: Int[np.ndarray, " more"])
         active[spare[np.argsort(found.gain[spare])][: max(1, len(spare) // 2)]] = False
 
 
-def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"], near: Relevance) -> Relevance:
+def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"], near: Relevance | None) -> Relevance:
     """Return the posterior of the amounts of some groups, each of the variance that is likeliest.
 
     The search begins at a posterior of nearly the same groups. No variance exceeds `most`: amounts of which the
-    residuals hold no information, but for rounding, would have any.
+    residuals tell nothing but rounding would grow without end.
     """
     use = np.flatnonzero(active[of.group])
     A, s, own = of.information[np.ix_(use, use)], of.score[use], np.searchsorted(np.flatnonzero(active), of.group[use])
     sizes = np.bincount(own, minlength=int(active.sum()))
-    sigma2, usual = near.sigma2, min(0.01 * of.squares, of.most)
-    variance = np.where(near.active, np.maximum(near.variance, SINGLE * usual), usual)[active]
+    sigma2, usual = of.squares / of.freedom, min(0.01 * of.squares, of.most)
+    least, variance = ROUNDING * sigma2, np.full(len(sizes), usual)
+    if near is not None and len(use):
+        sigma2 = near.sigma2
+        variance = np.where(near.active, np.maximum(near.variance, SINGLE * usual), usual)[active]
     mean, covariance = np.zeros(len(use)), np.zeros((len(use), len(use)))
     for _ in range(MAX_STEPS if len(use) else 0):
         root = np.sqrt(variance[own])
@@ -101,7 +103,7 @@ def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"], near: Rel
         mean = covariance @ s / sigma2
         told = np.maximum(sizes - np.bincount(own, np.diag(C), len(sizes)), 1e-12)  # of the numbers of each group
         before, variance = variance, np.clip(np.bincount(own, mean**2, len(sizes)) / told, 1e-14 * of.squares, of.most)
-        sigma2 = max((of.squares - 2.0 * mean @ s + mean @ A @ mean) / max(of.freedom - told.sum(), 1.0), 1e-300)
+        sigma2 = max((of.squares - 2.0 * mean @ s + mean @ A @ mean) / max(of.freedom - told.sum(), 1.0), least)
         change = np.log(variance / before)
         if np.all((np.abs(change) < SLIGHT) | ((change < 0.0) & (told < NEGLIGIBLE))):  # what fades to 0 fades slowly
             break

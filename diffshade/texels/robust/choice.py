@@ -169,6 +169,7 @@ def _error_of_shared(observed: BlockObservations, model: ObjectModel, state: Des
 
 @jax.jit
 def _error_of_own(observed: BlockObservations, lobe: AbstractPowerLobe, own: Float[Array, "6 texels"]) -> Array:
+    lobe = jax.tree.map(lambda leaf: jnp.asarray(leaf, observed.y.dtype), lobe)
     lights = eqx.tree_at(lambda of: of.lobe, observed.lights, lobe)
     D, S = lights.shading_of_power(own[5], Vec3(*own[:3]))
     return _error((own[3][None] * D + own[4][None] * S) / observed.level[None] - observed.y)

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...core.thresholds import SLIGHT
 from ...core.words import Note
-from ...model.lobes import AbstractPowerLobe, AbstractReflectance, Phong
+from ...model.lobes import AbstractPowerLobe, AbstractReflectance, Blinn, Phong
 from ...model.vectors import Vec3
 
 EXPONENTS = tuple(4.0 * 2.0**j for j in range(9))
@@ -72,13 +72,18 @@ class EitherLobe(AbstractPowerLobe):
     """One of two lobes, which a number chooses, so that the programs of a fit are compiled once for both."""
 
     lobes: tuple[AbstractPowerLobe, AbstractPowerLobe]
-    second: Bool[Array, ""]
-    """Whether the second is taken."""
+    second: Bool[Array, ""] | Float[Array, ""]
+    """Whether the second is taken; among the lights of a block a number, as all else is."""
 
     def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
         """Return the cosine of the lobe that is taken."""
         first, second = (lobe.cosine(n, l, v) for lobe in self.lobes)
         return jnp.where(self.second, second, first)
+
+
+def beside_blinn(lobe: AbstractPowerLobe) -> AbstractPowerLobe:
+    """Return a lobe that can be exchanged for Blinn's; Blinn's, and what can be already, as it is."""
+    return lobe if isinstance(lobe, Blinn | EitherLobe) else EitherLobe((Blinn(), lobe), np.array(True))
 
 
 def lobe_taken(lobe: AbstractPowerLobe) -> AbstractPowerLobe:

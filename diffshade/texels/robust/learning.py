@@ -6,6 +6,7 @@ Gauss-Newton with the normals and k_d of all texels eliminated, under weights th
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import NamedTuple
 
 import equinox as eqx
@@ -63,11 +64,16 @@ class ObjectModel(eqx.Module):
     loss: str = eqx.field(static=True)
 
     def weighing(self, level: Float[Array, " texels"]) -> Weighing:
-        """Return what the residuals and k_s of texels of these levels are measured by; of the host's arrays, there."""
-        xp, softness = (np, float(self.softness)) if isinstance(level, np.ndarray) else (jnp, self.softness)
-        scale = SHARPNESS * xp.hypot(self.relative_misfit, self.absolute_misfit / level)
-        unlikely = xp.where(self.assumed.glossy, level / (softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE)
-        return Weighing(softness * scale, unlikely**2, self.loss)
+        """Return what the residuals and k_s of texels of these levels are measured by."""
+        unlikely = jnp.where(
+            self.assumed.glossy, level / (self.softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE
+        )
+        return Weighing(self.scale(level), unlikely**2, self.loss)
+
+    def scale(self, level: Float[Array, " texels"], xp: ModuleType = jnp) -> Float[Array, " texels"]:
+        """Return the size from which a residual is doubted, of texels of these levels; by NumPy or `jax.numpy`."""
+        softness = xp.where(self.assumed.outliers, 1.0, NO_OUTLIERS)
+        return softness * (SHARPNESS * xp.hypot(self.relative_misfit, self.absolute_misfit / level))
 
     @property
     def softness(self) -> Array:
@@ -146,7 +152,7 @@ def typical_level(level: Float[np.ndarray, " texels"]) -> float:
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:
     """Return the shape after a Gauss-Newton step on the weights, with the first numbers of each texel eliminated."""
     current = np.asarray(model.shape.weight, np.float64)
-    scale = np.asarray(model.weighing(np.asarray(texels.level)).scale)
+    scale = model.scale(np.asarray(texels.level), np)
     root = np.sqrt(texels.weight / scale[None] ** 2).T[..., None]  # (texels, views, 1)
     A = np.moveaxis(np.asarray(texels.k_s * texels.powers), 0, -1).swapaxes(0, 1) * root
     target = A @ current - texels.residual.T * root[..., 0]

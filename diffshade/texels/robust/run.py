@@ -12,7 +12,6 @@ from jaxtyping import Float, Float16, Int
 
 from ...core.fields import Array
 from ...core.thresholds import DEGREE
-from ...model.lobes import AbstractPowerLobe, Blinn
 from ..between_lights import BetweenLights, from_leaves, learned_between
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
@@ -28,7 +27,7 @@ from .block_coefficients import BlockCoefficients, Shown, coefficients_of, shown
 from .block_fits import Normals, normals_of, seen_by
 from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
-from .highlight_shape import EXPONENTS, EitherLobe, lobe_taken, note_on_lobe
+from .highlight_shape import EXPONENTS, EitherLobe, beside_blinn, lobe_taken, note_on_lobe
 from .learning import Assumptions, ObjectModel, learned
 from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_of
 from .stated_errors import COLUMNS, SpreadColumns, state_errors
@@ -74,6 +73,7 @@ class RobustRun(TexelWork):
             neighbours: Whether a normal is the median of those around it.
             light_error: How well each view's lights are known; None where exactly.
         """
+        setup = eqx.tree_at(lambda setup: setup.lobe, setup, beside_blinn(setup.lobe))
         super().__init__(setup, known, loss, regions, tiles)
         self.neighbours, self.light_error = neighbours, light_error
 
@@ -91,18 +91,17 @@ class RobustRun(TexelWork):
             assumed: What is assumed of the object. By default it is chosen with Blinn's lobe; the scene's lobe is tried
                 where there is a highlight.
         """
-        report, given = self.tiles.report_progress, self.setup.lobe
+        report, lobe = self.tiles.report_progress, self.setup.lobe
         few = sample.part(np.arange(0, len(sample.pixels), FEW_EVERY))
-        both = None if isinstance(given, Blinn) else (Blinn(), given)
-        self._take(Blinn() if both is None else EitherLobe(both, np.array(False)))
+        self._take_second(False)
         whole = best_model(self, sample) if assumed is None else from_nothing(self, few, assumed)
-        if whole.assumed.glossy and both is not None:
-            self._take(EitherLobe(both, np.array(True)))
+        if whole.assumed.glossy and isinstance(lobe, EitherLobe) and lobe.second:
+            self._take_second(True)
             other = from_nothing(self, few, whole.assumed)
             if other.relative_misfit < MAX_MISFIT_RATIO * whole.relative_misfit:
                 whole = other
             else:
-                self._take(EitherLobe(both, np.array(False)))
+                self._take_second(False)
         for k in range(ROUNDS):
             report("learning the highlight:", (k + 1) / ROUNDS)
             whole = learned(whole, self.sample_at_minimum(sample, whole))
@@ -118,8 +117,11 @@ class RobustRun(TexelWork):
             models.append(model)
         return models
 
-    def _take(self, lobe: AbstractPowerLobe) -> None:
-        self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobe)
+    def _take_second(self, yes: bool) -> None:
+        """Take the scene's lobe, or Blinn's, where these are two."""
+        if isinstance(self.setup.lobe, EitherLobe):
+            lobe = EitherLobe(self.setup.lobe.lobes, np.array(yes))
+            self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobe)
 
     def maps(self, models: Sequence[ObjectModel], sample: TexelTile, notes: tuple[str, ...]) -> TexelMaps:
         """Fit all texels, tile by tile, and return their maps.
