@@ -18,8 +18,8 @@ from diffshade.model.vectors import Vec3, dot
 from diffshade.texels.robust.block_fits import by_bounce, lowest_state
 from diffshade.texels.robust.calibration import calibrated, division_of
 from diffshade.texels.robust.candidates import hemisphere
-from diffshade.texels.robust.disagreement import CELLS, disagreements
 from diffshade.texels.robust.choice import _error_of_own
+from diffshade.texels.robust.disagreement import CELLS, disagreements
 from diffshade.texels.robust.highlight_shape import (
     EXPONENTS,
     EitherLobe,
