@@ -4,8 +4,7 @@ Each start is a process of its own: without JAX's persistent compilation cache, 
 empty one, which it fills, and with a full one; and without one, of a photograph under a lamp five degrees beside the
 scene's, so that the fit looks for the cause, and compiles what that needs. They take turns. `cpu` is what all threads
 computed, up to the end of the fit: it hardly depends on who else uses the machine. `best` is the nearest to a quiet
-machine.
-`stderr` is how many bytes the process wrote there: a cache that warns at every start is no help to a person.
+machine. `stderr` is how many bytes the process wrote there: a cache that warns at every start is no help to a person.
 """
 
 from __future__ import annotations

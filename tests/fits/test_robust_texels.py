@@ -267,20 +267,27 @@ def test_one_of_two_lobes_is_chosen_by_a_number():
     assert beside_blinn(both[0]) is both[0]
 
 
-def test_views_are_added_up_one_by_one_with_a_lobe_that_has_numbers():
+def observed_with(lobe):
     l = lights_about(6)
     each = Vec3(*(jnp.asarray(l[:, i, None, None], jnp.float32) for i in range(3)))
     toward_us = Vec3(*(jnp.full((1, 1, 1), c, jnp.float32) for c in (0.0, 0.0, 1.0)))
-    lights = Lights(each, jnp.ones((6, 1, 1), jnp.float32), toward_us, Halved(np.float32(0.9)))
+    lights = Lights(each, jnp.ones((6, 1, 1), jnp.float32), toward_us, lobe)
     seen = jnp.ones((6, 1), bool)
-    observed = BlockObservations(jnp.full((6, 1), 0.4, jnp.float32), seen, seen, jnp.ones(1, jnp.float32), lights)
+    return BlockObservations(jnp.full((6, 1), 0.4, jnp.float32), seen, seen, jnp.ones(1, jnp.float32), lights)
+
+
+def test_numbers_of_a_lobe_do_not_change_the_precision():
+    own = np.array([[0.1], [0.2], [0.97], [0.4], [0.1], [20.0]], np.float32)
+    assert _error_of_own(observed_with(ds.Blinn()), Halved(np.float64(0.9)), own).dtype == np.float32
+
+
+def test_views_are_added_up_one_by_one_with_a_lobe_that_has_numbers():
+    observed = observed_with(Halved(np.float32(0.9)))
     model = first_model("squares", every_assumption()[0])
     weighing = model.weighing(observed.level)
     state = begin(observed, model.shape, weighing, Vec3.of(np.array([[0.1], [0.2], [0.97]], np.float32).T))
     here = around(observed, model.shape, weighing, state)
     found = system(observed, model.shape, weighing, state)
-    own = np.array([[0.1], [0.2], [0.97], [0.4], [0.1], [20.0]], np.float32)
-    assert _error_of_own(observed, Halved(np.float64(0.9)), own).dtype == np.float32  # whatever its numbers are
     for i in range(3):  # of k_s, its ridge is added
         for j in range(3):
             assert float(found.A[i][j][0]) == pytest.approx(
@@ -451,7 +458,7 @@ def real(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "most"), [("ball", 1.9), ("cat", 4.95), ("harvest", 16.5)])
+@pytest.mark.parametrize(("name", "most"), [("ball", 1.9), ("cat", 4.9), ("harvest", 16.5)])
 def test_real_objects_have_their_normals(name, most):
     """Plain least squares: 5.2, 8.6 and 31.6 degrees."""
     scene, views, truth, mask = real(name)

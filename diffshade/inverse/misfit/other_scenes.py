@@ -105,6 +105,7 @@ def falling(power: int, lamp: Any, center: np.ndarray) -> Any:
 
 @jax.jit
 def _factor(law: AbstractAttenuation, d: float) -> Array:
+    """Return how much of the light is left at a distance, by one program for each law."""
     return law(d)
 
 

@@ -6,7 +6,6 @@ Gauss-Newton with the normals and k_d of all texels eliminated, under weights th
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import NamedTuple
 
 import equinox as eqx
@@ -65,15 +64,11 @@ class ObjectModel(eqx.Module):
 
     def weighing(self, level: Float[Array, " texels"]) -> Weighing:
         """Return what the residuals and k_s of texels of these levels are measured by."""
+        scale = SHARPNESS * jnp.hypot(self.relative_misfit, self.absolute_misfit / level)
         unlikely = jnp.where(
             self.assumed.glossy, level / (self.softness * SHARPNESS * self.brightest), 1.0 / NEGLIGIBLE
         )
-        return Weighing(self.scale(level), unlikely**2, self.loss)
-
-    def scale(self, level: Float[Array, " texels"], xp: ModuleType = jnp) -> Float[Array, " texels"]:
-        """Return the size from which a residual is doubted, of texels of these levels; by NumPy or `jax.numpy`."""
-        softness = xp.where(self.assumed.outliers, 1.0, NO_OUTLIERS)
-        return softness * (SHARPNESS * xp.hypot(self.relative_misfit, self.absolute_misfit / level))
+        return Weighing(self.softness * scale, unlikely**2, self.loss)
 
     @property
     def softness(self) -> Array:
@@ -104,14 +99,18 @@ class Fitted(NamedTuple):
     k_s: Float[Array, " texels"]
     level: Float[Array, " texels"]
     lit: Bool[Array, "views texels"]
+    scale: Float[Array, " texels"]
+    """A residual of this size begins to be doubted."""
 
 
 @jax.jit
 def fitted(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Fitted:
     """Return what learning needs of a block of texels at their minimum."""
-    here = around(observed, model.shape, model.weighing(observed.level), state)
+    weighing = model.weighing(observed.level)
+    here = around(observed, model.shape, weighing, state)
     powers, lit = observed.lights.shading_of_powers(state.n), observed.lights.reach(state.n)
-    return Fitted(here.residual, here.weight, jnp.stack(here.J), powers, state.k_s, observed.level, lit)
+    J = jnp.stack(here.J)
+    return Fitted(here.residual, here.weight, J, powers, state.k_s, observed.level, lit, weighing.scale)
 
 
 def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> ObjectModel:
@@ -152,8 +151,7 @@ def typical_level(level: Float[np.ndarray, " texels"]) -> float:
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:
     """Return the shape after a Gauss-Newton step on the weights, with the first numbers of each texel eliminated."""
     current = np.asarray(model.shape.weight, np.float64)
-    scale = model.scale(np.asarray(texels.level), np)
-    root = np.sqrt(texels.weight / scale[None] ** 2).T[..., None]  # (texels, views, 1)
+    root = np.sqrt(texels.weight / texels.scale[None] ** 2).T[..., None]  # (texels, views, 1)
     A = np.moveaxis(np.asarray(texels.k_s * texels.powers), 0, -1).swapaxes(0, 1) * root
     target = A @ current - texels.residual.T * root[..., 0]
     Q, _ = np.linalg.qr(np.moveaxis(np.asarray(texels.J[:eliminated]), 0, -1).swapaxes(0, 1) * root)
