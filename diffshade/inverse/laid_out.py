@@ -44,6 +44,11 @@ class LaidOut:
         return self.problem.task(self.squares)
 
     @property
+    def pixels(self) -> int:
+        """How many pixels are laid out."""
+        return sum(len(part.pixels) for part in self.parts)
+
+    @property
     def size(self) -> int:
         """Pixels of a block."""
         return self.chunks[0].observed.target.shape[-1]
@@ -74,7 +79,7 @@ class LaidOut:
             lower[list(held)] = upper[list(held)] = list(held.values())
             theta = np.clip(theta, lower, upper)
             box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
-            task = Task(self.model, task.priors, box)
+            task = task.within(box)
         return minimise(
             theta,
             task,

@@ -21,7 +21,6 @@ from jaxtyping import Float
 
 from ..model.scenes import Object, Scene, over_pixels_and_rest
 from ..parallel.threads import on_all_cores
-from .data.samples import MIN_PIXELS
 from .data.view_sets import ViewSet
 from .forward.features import feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
@@ -129,8 +128,7 @@ class FitProblem:
 
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
-        laid = self.chunks(FEW, min(self.block_size, max(FEW // max(len(self.data.views), 2), MIN_PIXELS)))
-        return self.measured(laid)
+        return self.measured(self.chunks(FEW))
 
     def measured(self, laid: list[Block]) -> list[Block]:
         """Return chunks in which no clipped sample counts."""
@@ -156,7 +154,9 @@ class FitProblem:
         index, mean, width = (np.array([row[k] for row in known]) for k in range(3))
         units = np.array(unit_vectors(self.unknowns), int).reshape(-1, 3)
         weight = float(self.model.likelihood.sigma) / width.astype(float)
-        return PriorResiduals(index.astype(int), mean.astype(float), weight, units, np.asarray(np.sqrt(squares)))
+        return PriorResiduals(
+            index.astype(int), mean.astype(float), weight, units, np.full(len(units), np.sqrt(squares))
+        )
 
     def task(self, squares: float) -> Task:
         """Return what is to be minimised."""

@@ -8,20 +8,18 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..core.progress import ReportProgress, silent
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import MAX_STEPS, ROUNDING
 from ..model.scenes import Scene
-from ..parallel.threads import on_all_cores
 from .data.view_sets import ViewSet
 from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
 from .forward.sums import residuals
 from .laid_out import LaidOut, lay_out
-from .pixels.blocks import Block
+from .pixels.blocks import Block, shares
 from .problem import PART, FitProblem, Theta, fit_problem
 from .solve.descent import STALLED
 from .solve.interchangeable import by_rising_exponent
@@ -54,7 +52,7 @@ def solve(
     part = lay_out_part(problem)
     laid, damping = find_start(part, from_scene=from_scene, report_progress=report_progress)
     if problem.data.counts.pixels > PART:
-        laid = lay_out(laid.problem, laid.theta, laid.squares * problem.data.counts.pixels / PART)
+        laid = lay_out(laid.problem, laid.theta, laid.squares * problem.data.counts.pixels / laid.pixels)
     if devices:
         spread = [jax.device_put(chunk, devices[k % len(devices)]) for k, chunk in enumerate(laid.chunks)]
         laid = dataclasses.replace(laid, chunks=spread)
@@ -141,7 +139,7 @@ def _settle(
         return end.theta, not end.message
 
     robust = problem.loss != "squares"
-    rms = float(np.sqrt(squares / min(problem.data.counts.pixels, PART)))
+    rms = float(np.sqrt(squares / sum(shares(problem.data.pixels, PART))))
     sigma, near = 0.0, False
     for repeat in range(REPEATS):
         part = problem.reweigh(theta, part)
@@ -159,7 +157,7 @@ def _settle(
 
 def _scale(problem: FitProblem, part: list[Block], theta: Theta, *, robust: bool) -> float:
     """Return the scale of the residuals: by the median of their size, or their root mean square."""
-    found = on_all_cores(lambda chunk: residuals(jnp.asarray(theta), problem.model, chunk), part)
+    found = problem.task(1.0).on_all_cores(residuals, theta, part)
     r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
     return robust_scale(r) if robust else float(np.sqrt(np.mean(r**2)))
 

@@ -24,7 +24,7 @@ from .solve.solvers import Minimum
 from .solved import Solved
 from .spreads import rounded_at, spread_at
 from .statistics.clusters import compared, independent
-from .statistics.evidence import Evidence, prior_gram
+from .statistics.evidence import Evidence
 from .statistics.gauges import set_by_priors
 from .statistics.identifiability import (
     condition_number,
@@ -150,7 +150,7 @@ def _evidence(
     rounded: Rounded | None,
 ) -> tuple[Evidence, list[list[int]], tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]]:
     """Return the evidence for the errors, in the unknowns' own units, the views by cluster, and what is singular."""
-    problem, point, prior, p = laid.problem, end.point, prior_gram(end.theta, laid.task.priors), len(end.theta)
+    problem, point, prior, p = laid.problem, end.point, laid.task.of_priors(end.theta), len(end.theta)
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
     shows = point.views.seen(p) > 0.0
     groups = [group for group in problem.data.setups if shows[group].any()] or [[*range(len(problem.data.views))]]

@@ -131,6 +131,24 @@ def test_a_second_fit_of_the_same_shapes_traces_nothing(traces):
     assert traces == []
 
 
+@pytest.mark.thorough
+def test_fits_of_fewer_views_have_the_same_programs(traces):
+    random = np.random.default_rng(0)
+    lights = [ds.DirectionalLight(0.3 * random.standard_normal(3) - (0, 0, 1)) for _ in range(12)]
+    scene = ds.Scene(standard_scene().objects, lights)
+    photographs = [np.asarray(ds.render(scene, CAMERA, lit=k)) for k in range(12)]
+    views = [
+        ds.View(image + 0.01 * random.standard_normal(image.shape), CAMERA, lit=k)
+        for k, image in enumerate(photographs)
+    ]
+    free = ("k_d", "k_s", "n_s", "direction")
+    ds.fit(scene, views, free=free, light_error=1.0)
+    for count in (11, 10):
+        traces.clear()
+        ds.fit(ds.Scene(scene.objects, lights[:count]), views[:count], free=free, light_error=1.0)
+        assert traces == []
+
+
 def test_progress_prints_nothing_where_there_is_no_terminal_and_compiles_nothing(traces, capfd):
     """Output that goes into a file or a pipe stays clean; the result is the same."""
     standard_fit(clean_images(), progress=True)

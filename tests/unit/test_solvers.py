@@ -324,7 +324,7 @@ def test_priors_and_unit_vectors_are_residuals_beside_those_of_the_views():
     random = np.random.default_rng(0)
     theta, mean, weight = random.standard_normal(7), random.standard_normal(2), random.uniform(0.5, 2.0, 2)
     index, units, unit_weight = np.array([5, 0]), np.array([[1, 2, 3], [4, 5, 6]]), 3.0
-    soft = PriorResiduals(*map(jnp.asarray, (index, mean, weight, units, unit_weight)))
+    soft = PriorResiduals(*map(jnp.asarray, (index, mean, weight, units, np.full(2, unit_weight))))
 
     def cost(q):
         prior = jnp.sum((weight * (q[index] - mean)) ** 2)
@@ -342,6 +342,6 @@ def test_priors_and_unit_vectors_are_residuals_beside_those_of_the_views():
 
 def test_nothing_known_beside_the_views_adds_nothing():
     none = jnp.zeros(0)
-    soft = PriorResiduals(jnp.zeros(0, int), none, none, jnp.zeros((0, 3), int), jnp.asarray(1.0))
+    soft = PriorResiduals(jnp.zeros(0, int), none, none, jnp.zeros((0, 3), int), none)
     for leaf in jax.tree.leaves(soft.gram(jnp.ones(4))):
         assert not np.asarray(leaf).any()

@@ -75,9 +75,10 @@ def points_of(
     def seen(key: tuple) -> Any:
         """Return what a camera shows; blocks of a chunk that show the same are found once."""
         parts, different = first[by_camera[key][0]], list(dict.fromkeys(key))
-        if (length := padded_length(len(different))) >= len(parts):
-            return jax.device_put(model.seen(*pixels_of(parts, len(parts))))
+        length = padded_length(len(different))
         once = model.seen(*pixels_of([parts[key.index(block)] for block in different], length))
+        if length == len(different) == len(key):
+            return jax.device_put(once)
         index = [different.index(block) for block in key]
         return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
 

@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from ...core.backend import SOONER, jit_quickly
 from ...core.fields import Array
+from ...model.cameras import Projection
 from ...model.lobes import AbstractPowerLobe
-from ...model.scenes import together
+from ...model.scenes import Object, together
 from ...model.vectors import Vec3, dot
 from .interface import Pixels, Setting
 
@@ -70,11 +72,10 @@ def intensities_of(scene: Any, lit: Any) -> Float[Array, "views lights channels"
     return jnp.concatenate([jnp.zeros((views, 0, scene.width)), *found], 1)
 
 
-def seen_by(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
+def seen_by(objects: tuple[Object, ...], projection: Projection, pixels: Pixels, counts: Array) -> Seen:
     """Return the points that a block's pixels show."""
-    projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
     rays = projection.rays(pixels.row, pixels.column)
-    (item,) = together(pixels.objects, setting.setup.scene.objects)
+    (item,) = together(pixels.objects, objects)
     hit = item.surface.intersect(rays)
     # a backward axis is one for all pixels
     v = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, pixels.row.shape), projection.viewer(hit.p))
@@ -124,9 +125,14 @@ def faded(light: Any, names: Sequence[str], d: Numbers | None) -> tuple[Numbers,
     return law(d), [slope(name) for name in names]
 
 
-def points_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
+def points_seen(setting: Setting, pixels: Pixels, view: Any, counts: Array) -> Seen:
     """Return the points that a chunk's pixels show."""
-    return jax.vmap(partial(seen_by, setting))(pixels, view, counts)
+    projections = jax.tree.map(lambda leaf: leaf[view], setting.projections)
+    return _points_seen(setting.setup.scene.objects, projections, pixels, counts)
+
+
+def _points_seen(objects: tuple[Object, ...], projections: Projection, pixels: Pixels, counts: Array) -> Seen:
+    return jax.vmap(partial(seen_by, objects))(projections, pixels, counts)
 
 
 def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
@@ -160,7 +166,13 @@ def _or(found: Numbers | None, default: Numbers) -> Numbers:
     return default if found is None else found
 
 
+def seen_by_chunk(setting: Setting, pixels: Pixels, view: Int[np.ndarray, " blocks"], counts: Array) -> Seen:
+    """Return `points_seen` by a compiled program, which serves any number of views."""
+    projections = jax.tree.map(lambda leaf: np.asarray(leaf)[view], setting.projections)
+    return _seen_by_chunk(setting.setup.scene.objects, projections, pixels, counts)
+
+
+_seen_by_chunk = jit_quickly(_points_seen, options=SOONER)
 # The same, compiled
-seen_by_chunk = jit_quickly(points_seen, options=SOONER)
 fields_of_chunk = jit_quickly(fields_at, options=SOONER)
 fields_seen_by_chunk = jit_quickly(fields_seen, options=SOONER)

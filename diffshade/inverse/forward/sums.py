@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.backend import UNFUSED, jit_quickly
+from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...core.fields import Array
 from ...parallel.threads import on_all_cores
 from ..pixels.blocks import Block, total
@@ -54,7 +54,7 @@ def sum_of_squares(of_view: Float[np.ndarray, " views"], chunk: Block) -> float:
 weights_of_views = jit_quickly(lambda model: model.view_weights())
 
 
-@jax.jit
+@functools.partial(jit_quickly, options=PLAINLY)
 def residuals(
     theta: Theta, model: AbstractForwardModel, chunk: Block
 ) -> tuple[Float[Array, "blocks channels pixels"], Bool[Array, "blocks channels pixels"]]:

@@ -19,7 +19,6 @@ from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
 from ...io.encodings import srgb_decode, srgb_encode
 from ...io.lazy_images import LazyImage
-from ...parallel.threads import on_all_cores
 from ..data.recording import photograph
 from ..data.views import View, channels
 from ..forward.gram import directions_of
@@ -27,7 +26,6 @@ from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block
 from ..pixels.blocks import chunks as in_chunks
 from ..result import Fit
-from ..statistics.evidence import prior_gram
 from ..statistics.uncertainty import Matrix, Vector
 from .set_up import Corrected, SetUp
 
@@ -126,10 +124,8 @@ def _duller(picture: Float[np.ndarray, "h w c"]) -> Iterator[Float[np.ndarray, "
 def linearise(set_up: SetUp, state: Corrected) -> Linearised:
     """Return the samples of a state and their derivatives."""
     found: list[list[np.ndarray]] = []
-    theta, used = jnp.asarray(state.theta), [channels(view) for view in set_up.fit.views]
-    laid = on_all_cores(
-        lambda chunk: _samples(theta, set_up.shown, set_up.laid.model, chunk), set_up.chunks(state.excluded)
-    )
+    p, used, task = len(state.theta), [channels(view) for view in set_up.fit.views], set_up.laid.task
+    laid = task.on_all_cores(_samples, state.theta, set_up.chunks(state.excluded))
     for of_chunk, parts in zip(laid, in_chunks(set_up.laid.parts), strict=True):
         arrays = [np.asarray(of) for of in of_chunk]
         for b, part in enumerate(parts):
@@ -137,17 +133,15 @@ def linearise(set_up: SetUp, state: Corrected) -> Linearised:
             found.append([of[b][..., :c, :n].reshape(*of[b].shape[:-2], c * n) for of in arrays])
     predicted, J, slope, weight, base = (np.concatenate(of, -1) for of in zip(*found, strict=True))
     index = set_up.shown[set_up.view].T
-    shown = index < len(theta)
-    jacobian = scipy.sparse.csr_array(
-        (J[shown], (index[shown], np.nonzero(shown)[1])), shape=(len(theta), len(predicted))
-    )
-    known = prior_gram(state.theta, set_up.laid.task.priors)
+    shown = index < p
+    jacobian = scipy.sparse.csr_array((J[shown], (index[shown], np.nonzero(shown)[1])), shape=(p, len(predicted)))
+    known = task.of_priors(state.theta)
     hessian, gradient = np.asarray(known.hessian), np.asarray(known.gradient)
     return Linearised(set_up, state, predicted, jacobian, slope, weight, int(np.sum(base > 0)), hessian, gradient)
 
 
 @partial(jit_quickly, options=PLAINLY)
-def _samples(theta: Array, shown: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
+def _samples(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
     """Return a chunk's predictions, their changes by what each view shows, the cost's slopes and curvatures, weights.
 
     The weight of a clipped sample, which was not measured, is 0.
@@ -157,7 +151,7 @@ def _samples(theta: Array, shown: Array, model: AbstractForwardModel, chunk: Blo
         m, derivative = jax.linearize(lambda q: jnp.stack(model.predict(q, block)), theta)
         seen = block.observed
         terms = model.likelihood.terms(m, seen.target, model.sample_weights(block), seen.clipped)
-        J = jax.vmap(derivative)(directions_of(shown, block.view, len(theta))[1])
+        J = jax.vmap(derivative)(directions_of(model.setting.shown, block.view, len(theta))[1])
         return m, J, terms.slope, terms.curvature, model.measured_weights(block)
 
     return jax.lax.map(of_block, chunk)

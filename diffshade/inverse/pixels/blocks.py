@@ -18,12 +18,11 @@ from ..data.samples import MIN_PIXELS, Samples
 
 T = TypeVar("T")
 BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in a core's cache
-LARGE = 8  # blocks: a view of more has a little of one of them padded at most
-MANY = LARGE * BLOCK  # pixels of all views: passes over more are worth compiling for their own size of block
+MANY = 8 * BLOCK  # pixels of all views; passes over twice as many are worth compiling for their own size of block
 CACHE_LINE = 64  # bytes
-OF_PART = 8  # blocks in each of the two chunks of a part of the pixels
-SEVERAL = 16 * OF_PART  # the most blocks that are cut as a part of them is
-CHUNK = 32  # blocks at most in one call of a compiled program
+CHUNK = 32  # blocks at most in one call of a compiled program, which takes as long as half a block
+LENGTHS = ((1, 1), (2, 2), (4, 4), (6, 6), (15, 4), (128, 8), (np.inf, CHUNK))
+"""Up to how many blocks in all a chunk has how many: cores share more than a few, and few are empty."""
 
 
 class Observed(eqx.Module):
@@ -68,50 +67,56 @@ def pieces(samples: Sequence[Samples], size: int, at_most: int | None = None) ->
 
 
 def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
-    """Return how many pixels of each view are among `at_most`, evenly spread, with some of every view; None: all."""
+    """Return how many pixels of each view are among `at_most`, evenly spread, with some of every view; None: all.
+
+    A view has as many as if there were one of a few numbers of views, so that blocks have few sizes.
+    """
     total = sum(pixels)
     if at_most is None or at_most >= total:
         return list(pixels)
+    at_most = at_most * len(pixels) // few_sizes(len(pixels))
     return [max(n * at_most // total, min(n, MIN_PIXELS)) for n in pixels]
 
 
 def block_size(pixels: Sequence[int], places: int = 1) -> int:
     """Return how many pixels a block holds, given those of each view; `places` is at how many each is rendered.
 
-    It is `BLOCK` where views are large, more on a GPU, and a power of two where all of them together are small: few
-    sizes serve, so that another mask seldom needs another program. Between these a block is chosen by the size of a
-    view, up to half as large again, so that little of it is padded.
+    It is `BLOCK` where views are large, more on a GPU, and one of a few sizes where all of them together are small, so
+    that another mask or number of views seldom needs another program. Between these, where `BLOCK` would leave an
+    eighth of the pixels padded, it is chosen by the size of a view, up to half as large again.
     """
     mean, most = max(sum(pixels) / len(pixels), 1.0), at_once(BLOCK) // places
-    if mean > LARGE * most:
+    blocks = max(round(mean / most), 1)
+    if sum(pixels) <= 2 * MANY:
+        sizes = [max(few_sizes(int(np.ceil(mean / n))), 64) for n in (blocks, blocks + 1)]
+        return min(sizes, key=lambda size: -(-mean // size) * size)  # the one that leaves less of a view padded
+    if -(-mean // most) * most <= 1.125 * mean:
         return most
-    if sum(pixels) <= MANY:
-        return min(most, max(1 << int(np.ceil(np.log2(mean))), 64))
-    of_view = mean / max(round(mean / most), 1)
-    step = 1 << max(int(np.log2(of_view)) - 3, 0)
-    return max(step * int(np.ceil(of_view / step)), 64)
+    step = 1 << max(int(np.log2(mean / blocks)) - 3, 0)
+    return max(step * int(np.ceil(mean / blocks / step)), 64)
+
+
+def few_sizes(count: int) -> int:
+    """Return the least of 0, 1, 2, 3, 4, 6, 8, 12, 16, 24, ... that is at least `count`."""
+    half = 1 << max((count - 1).bit_length() - 1, 0)
+    return next(size for size in (0, half, half + half // 2, 2 * half) if size >= count)
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
-    """Gather blocks into chunks, filled up with empty ones to one length, so that one program serves all.
+    """Gather blocks into chunks of one length, the last filled up with empty blocks.
 
-    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty. One
-    view, or views with different pieces, of more than `LARGE` blocks each on average are cut as a part of them is
-    (`problem.PART`), up to `SEVERAL` blocks in all: one program then serves both.
+    Where all views have the same pieces, chunks have the same pieces too. The length hardly depends on the number of
+    views, so that one program serves many.
     """
     if not parts:
         return []
     runs = [list(of) for _, of in itertools.groupby(parts, key=lambda part: part.view)]
-    length, of_view = _chunk_length(len(parts)), len(runs[0])
+    length, of_view = next(length for most, length in LENGTHS if len(parts) <= most), len(runs[0])
     if len({tuple(id(part.pixels) for part in run) for run in runs}) == 1 < len(runs):
         if of_view > CHUNK:
             share = -(-of_view // -(-of_view // CHUNK))
             return [cut for run in runs for cut in _cut(run, share)]
-        at_once = of_view * max(length // of_view, 1)
-        if 8 * (-len(parts) % at_once) <= len(parts):
-            length = at_once
-    elif len(parts) > LARGE * len(runs) and 2 * OF_PART < len(parts) <= SEVERAL:
-        length = OF_PART
+        length = of_view * max((length if len(parts) < 64 else 16) // of_view, 1)  # 16: shared points stay in the cache
     return _cut(parts, length)
 
 
@@ -122,23 +127,9 @@ def _cut(parts: Sequence[Piece], length: int) -> list[list[Piece]]:
     return [filled[start : start + length] for start in range(0, len(filled), length)]
 
 
-def _chunk_length(count: int) -> int:
-    """Return the number of blocks in each of the chunks that hold `count` of them.
-
-    Few chunks are a power of two, which cores share equally, as far as `padded_length` lets them; a chunk of fewer than
-    4 blocks is not worth its call.
-    """
-    chunks = max(-(-count // CHUNK), min(count // 4, 2), 1)
-    if chunks < CHUNK:
-        chunks = 1 << (chunks - 1).bit_length()
-    return padded_length(-(-count // chunks))
-
-
 def padded_length(count: int) -> int:
-    """Return the number of blocks of a chunk of at least `count`: few different ones, so that few programs compile."""
-    if count > CHUNK:
-        return -(-count // CHUNK) * CHUNK
-    return next(length for length in (1, 2, 3, 4, 6, 8, 12, 16, 24, CHUNK) if length >= count)
+    """Return of how many blocks the points are found together: few different numbers, so that few programs compile."""
+    return next((length for length in (4, 8, CHUNK) if length >= count), -(-count // CHUNK) * CHUNK)
 
 
 def views_of(parts: Sequence[Piece], length: int | None = None) -> Int[np.ndarray, " blocks"]:

@@ -36,6 +36,10 @@ class Dense(eqx.Module):
 
     whole: Float[fields.Array, "p p"]
 
+    def part(self, p: int, _: None) -> Dense:
+        """Return the rows and columns of the first p unknowns."""
+        return Dense(self.whole[:p, :p])
+
     def as_matrix(self) -> Float[fields.Array, "p p"]:
         """Return all numbers."""
         return self.whole
@@ -79,6 +83,11 @@ class Arrowhead(eqx.Module):
     """0 where a block is padded."""
     arrow: Arrow
     p: int = eqx.field(static=True)
+
+    def part(self, p: int, arrow: Arrow) -> Arrowhead:
+        """Return the rows and columns of the first p unknowns, which the first blocks of the arrow have."""
+        n = len(arrow.blocks)
+        return Arrowhead(self.border, self.side[:n], self.blocks[:n], arrow, p)
 
     def _parts(self, z: Float[Array, " p"]) -> tuple[Float[Array, " f"], Float[Array, "blocks g"]]:
         return z[self.arrow.border], z.at[self.arrow.blocks].get(mode="fill", fill_value=0)

@@ -19,7 +19,6 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...core.thresholds import FAR_MORE, SMALL
 from ...model.scenes import Scene
-from ...parallel.threads import on_all_cores
 from ..forward.gram import Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block
@@ -64,7 +63,7 @@ def from_broad_highlights(
     if max(_error(of, begin, unknowns, scene) for of in lights) * np.sqrt(sharpest) <= NARROW:  # of width n_s^-1/2
         return end
     held = tuple(np.where(exponents, begin, limit) for limit in (task.box.lower, task.box.upper))
-    broad = Task(task.model, task.priors, eqx.tree_at(lambda box: (box.lower, box.upper), task.box, held))
+    broad = task.within(eqx.tree_at(lambda box: (box.lower, box.upper), task.box, held))
     moved = minimise(begin, broad, chunks, squares=squares, max_steps=SHORT, rtol=1e-4).theta
     return min(end, follow(moved, task, chunks, squares), key=lambda of: of[0])
 
@@ -129,7 +128,7 @@ def _costs(
 ) -> Float[np.ndarray, " lights"]:
     """Return what the views of each light cost, and its place by what is known of it beforehand."""
     of_view = np.zeros(shows.shape[1])
-    for chunk, of_blocks in zip(chunks, on_all_cores(lambda of: _cost(theta, task.model, of), chunks), strict=True):
+    for chunk, of_blocks in zip(chunks, task.on_all_cores(_cost, theta, chunks), strict=True):
         np.add.at(of_view, np.asarray(chunk.view), np.asarray(of_blocks))
     return shows @ of_view + _known(theta, lights, task)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -17,12 +18,15 @@ from ...core import fields
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...core.thresholds import MAX_STEPS, TINY
 from ...parallel.threads import on_all_cores
-from ..forward.gram import Gram, Point
+from ..forward.gram import ByView, Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
 from .descent import BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step, stalls
 from .elimination import Arrowhead, Dense, nothing
+from .padding import is_padded, padded_arrow, padded_count, padded_model, to_few_sizes
+
+T = TypeVar("T")
 
 # The damping of the first step: from anywhere, from values that somebody states (as Ceres' own first step has it), and
 # from what is nearly the minimum already.
@@ -37,7 +41,7 @@ class PriorResiduals(eqx.Module):
     weight: Float[fields.Array, " k"]
     """sigma/width of each prior: sigma is the scale of the views' residuals."""
     units: Int[fields.Array, "u 3"]
-    unit_weight: Float[fields.Array, ""]
+    unit_weight: Float[fields.Array, " u"]
     """Any weight will do: the length of a unit vector changes no pixel, so that 1 is met exactly."""
 
     def gram(self, theta: Float[fields.Array, " p"], arrow: Arrow | None = None) -> Gram:
@@ -45,7 +49,7 @@ class PriorResiduals(eqx.Module):
         known = self.weight * (theta[self.index] - self.mean)
         unit = theta[self.units]
         longer = self.unit_weight * 0.5 * (jnp.sum(unit**2, -1) - 1.0)
-        slope = self.unit_weight * unit
+        slope = self.unit_weight[:, None] * unit
         gradient = jnp.zeros_like(theta).at[self.index].add(self.weight * known)
         hessian = nothing(len(theta), arrow).plus(jnp.zeros_like(theta).at[self.index].add(self.weight**2))
         return Gram(
@@ -53,6 +57,14 @@ class PriorResiduals(eqx.Module):
             gradient.at[self.units].add(slope * longer[:, None]),
             hessian.added(jnp.asarray(self.units), jnp.asarray(slope[:, :, None] * slope[:, None, :])),
         )
+
+    def padded(self, whole: int) -> PriorResiduals:
+        """Return the residuals with others of no weight: a prior for each of more unknowns, and more unit vectors."""
+        none = np.zeros(whole - len(self.index) if len(self.index) else 0)
+        mean, weight = np.append(self.mean, none), np.append(self.weight, none)
+        index, units = np.append(self.index, none.astype(int)), to_few_sizes(self.units)
+        unit_weight = np.append(self.unit_weight, np.zeros(len(units) - len(self.units)))
+        return PriorResiduals(index, mean, weight, units, unit_weight)
 
 
 class BoxConstraints(eqx.Module):
@@ -65,17 +77,69 @@ class BoxConstraints(eqx.Module):
     in_border: bool = eqx.field(static=True, default=False)
     """Whether the prediction is linear in some unknowns, all of which are in the arrow's border."""
 
+    def padded(self, whole: int) -> BoxConstraints:
+        """Return the ranges of more unknowns; these have none."""
+        p = len(self.lower)
+        far, arrow = np.full(whole - p, np.inf), padded_arrow(self.arrow, p, whole)
+        linear = np.append(self.linear, np.zeros(whole - p, bool))
+        return BoxConstraints(np.append(self.lower, -far), np.append(self.upper, far), linear, arrow, self.in_border)
+
 
 class Task:
     """What is to be minimised: the model that predicts, what is known beside the views, and the range of the unknowns.
 
-    Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time.
+    Programs have it padded, so that one serves many numbers of views, and taken apart, once for the few calls of each
+    step.
     """
 
     def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: BoxConstraints):
         self.model, self.priors, self.box = model, priors, box
-        self.model_leaves, self.model_structure = jax.tree.flatten(model)
-        self.leaves, self.structure = jax.tree.flatten((model, priors, box))
+        p = len(box.lower)
+        self.whole = padded_count(model.setting.shown, p)
+        """The number of unknowns with the padded ones."""
+        self.is_padded = is_padded(model, p, self.whole)
+        self.padded_model = padded_model(model, p, self.whole) if self.is_padded else model
+        self.padded_priors = priors.padded(self.whole)
+        self.model_leaves, self.model_structure = jax.tree.flatten(self.padded_model)
+        self._take_apart()
+
+    def _take_apart(self) -> None:
+        self.padded_box = self.box.padded(self.whole) if self.is_padded else self.box
+        self.leaves, self.structure = jax.tree.flatten((self.padded_model, self.padded_priors, self.padded_box))
+
+    def within(self, box: BoxConstraints) -> Task:
+        """Return the task with other ranges of the unknowns."""
+        task = copy.copy(self)
+        task.box = box
+        task._take_apart()
+        return task
+
+    def laid(self, theta: Any) -> np.ndarray:
+        """Return the unknowns with the padded ones."""
+        return np.append(theta, np.zeros(self.whole - len(theta)))
+
+    def own(self, point: Point) -> Point:
+        """Return a point without what is padded."""
+        if not self.is_padded:
+            return point
+        point, p, views = jax.tree.map(np.asarray, point), len(self.box.lower), len(self.model.setting.grey)
+        gradient, hessian = point.total.gradient[:p], point.total.hessian.part(p, self.box.arrow)
+        of = point.views
+        by_view = ByView(of.cost[:views], of.gradient[:views], of.hessian[:views], self.model.setting.shown)
+        return Point(point.theta[:p], Gram(point.total.cost, gradient, hessian), by_view)
+
+    def of_priors(self, theta: Any) -> Gram:
+        """Return the Gram of the priors and unit vectors, as NumPy arrays."""
+        p, priors = len(self.box.lower), self.priors
+        if not (len(priors.index) or len(priors.units)):
+            return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
+        of = jax.tree.map(np.asarray, _prior_gram(self.laid(theta), self.padded_priors))
+        return Gram(of.cost, of.gradient[:p], of.hessian[:p, :p])
+
+    def on_all_cores(self, program: Callable[..., T], theta: Any, chunks: Sequence[Block]) -> list[T]:
+        """Return what a compiled program of the unknowns, the model and a chunk gives for each chunk."""
+        theta = self.laid(theta)
+        return on_all_cores(lambda chunk: program(theta, self.padded_model, chunk), chunks)
 
 
 def point_of(
@@ -147,9 +211,20 @@ def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> 
 
 def evaluate(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
     """Return the point at theta, or, for a model that projects, at its best linear unknowns: one pass, on all cores."""
+    return task.own(_evaluated(task.laid(theta), task, chunks))
+
+
+def _evaluated(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
+    """Return `evaluate` with what is padded."""
     program = _summary_unfused if task.model.transparent and jax.default_backend() == "cpu" else _summary
     summaries = on_all_cores(lambda chunk: program(task.model_structure, task.model_leaves, theta, chunk), chunks)
     return _evaluate(task.structure, task.leaves, theta, total(summaries))
+
+
+@jit_quickly
+def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
+    gram = priors.gram(theta)
+    return Gram(gram.cost, gram.gradient, gram.hessian.as_matrix())
 
 
 def _cost(y: Array, point: Point) -> tuple[Any, Point]:
@@ -233,9 +308,9 @@ def minimise(
     This is `optimistix.minimise` step by step: a compiled program asks the solver for each step, and the passes between
     the steps run on all cores, which no traced loop can.
     """
-    solver = _solver(task.box, squares, projects=task.model.projects, rtol=rtol, damping=damping)
-    theta = np.asarray(theta)
-    point = evaluate(theta, task, chunks)
+    solver = _solver(task.padded_box, squares, projects=task.model.projects, rtol=rtol, damping=damping)
+    theta = task.laid(theta)
+    point = _evaluated(theta, task, chunks)
     state, done, failed = _begin(theta, solver, point), False, False
     costs = [float(point.total.cost)]
     for step in range(1, max_steps + 1):
@@ -245,10 +320,10 @@ def minimise(
         done = done or stalls(costs, stalled)
         if done or step == max_steps:
             break
-        point = evaluate(state.y_eval, task, chunks)
+        point = _evaluated(state.y_eval, task, chunks)
     message = ""
     if not done:
         message = "the cost still falls, in a direction that these views hardly determine"
     elif failed:
         message = "a step met a number that is not finite"
-    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message, tuple(costs))
+    return Minimum(jax.tree.map(np.asarray, task.own(state.point)), int(state.steps), message, tuple(costs))

@@ -280,7 +280,7 @@ def search(
     starts = [(theta, task) for _, theta in followed]
     if local:
         box = eqx.tree_at(lambda box: box.linear, task.box, replace_fn=np.zeros_like)
-        starts.append((begin, Task(task.model, task.priors, box)))  # all move together: k_s is not solved for at once
+        starts.append((begin, task.within(box)))  # all move together: k_s is not solved for at once
 
     ends = []
     for k, start in enumerate(starts):

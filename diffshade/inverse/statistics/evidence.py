@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import special
 
-from ...core.backend import jit_quickly
-from ...core.fields import Array
-from ..forward.gram import ByView, Gram, Part
+from ..forward.gram import ByView, Part
 from ..solve.elimination import eliminate
-from ..solve.solvers import PriorResiduals
 from .uncertainty import Jackknife, Matrix, Vector, inverse, on_unit_vectors, over, scaled, standard_errors
 
 T = TypeVar("T")
@@ -242,17 +238,3 @@ class Evidence:
         whole = np.zeros((len(which), len(which)))
         whole[np.ix_(which, which)] = covariance
         return on_unit_vectors(whole, self.values, self.units)
-
-
-def prior_gram(theta: Vector, priors: PriorResiduals) -> Gram:
-    """Return the Gram of the priors and unit vectors, as NumPy arrays."""
-    if not (len(priors.index) or len(priors.units)):
-        p = len(theta)
-        return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
-    return jax.tree.map(np.asarray, _prior_gram(theta, priors))
-
-
-@jit_quickly
-def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
-    gram = priors.gram(theta)
-    return Gram(gram.cost, gram.gradient, gram.hessian.as_matrix())
