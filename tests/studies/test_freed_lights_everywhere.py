@@ -15,7 +15,6 @@ import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
-from diffshade.inverse.laid_out import LaidOut
 from diffshade.inverse.misfit import set_up
 from tests.support.textured import lights_about
 
@@ -108,22 +107,3 @@ def test_on_eight_devices_the_fit_is_that_on_one(tmp_path):
     with np.load(tmp_path / "out.npz") as file:
         for name, rtol in (("values", 1e-9), ("plain_errors", 1e-9), ("errors", 1e-7)):
             same(file[name], getattr(in_memory, name), rtol)
-
-
-@pytest.mark.slow
-def test_an_examination_passes_over_all_views_as_often_with_twice_the_views(monkeypatch):
-    calls, minimise = [], LaidOut.minimise
-
-    def counted(self: Any, *of: Any, **options: Any) -> Any:
-        calls.append(1)
-        return minimise(self, *of, **options)
-
-    monkeypatch.setattr(LaidOut, "minimise", counted)
-    numbers = []
-    for count in (10, 20):
-        monkeypatch.setattr(sys.modules[__name__], "COUNT", count)
-        fit = fitted()
-        calls.clear()
-        ds.examine(fit)
-        numbers.append(len(calls))
-    assert numbers[1] <= numbers[0] + 12
