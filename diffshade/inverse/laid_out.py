@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from ..core.progress import ReportProgress, silent
@@ -78,7 +77,7 @@ class LaidOut:
             lower, upper = (np.array(bound) for bound in (self.problem.box.lower, self.problem.box.upper))
             lower[list(held)] = upper[list(held)] = list(held.values())
             theta = np.clip(theta, lower, upper)
-            box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
+            box = dataclasses.replace(self.problem.box, lower=lower, upper=upper)
             task = task.within(box)
         return minimise(
             theta,

@@ -127,7 +127,7 @@ class FitProblem:
         return on_all_cores(chunk, zip(found, points, strict=True))
 
     def few(self) -> list[Block]:
-        """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
+        """Return the chunks of a few pixels, without clipped samples."""
         return self.measured(self.chunks(FEW))
 
     def measured(self, laid: list[Block]) -> list[Block]:

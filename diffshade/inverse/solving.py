@@ -24,7 +24,7 @@ from .problem import PART, FitProblem, Theta, fit_problem
 from .solve.descent import STALLED
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import at_better_places, from_broad_highlights
-from .solve.solvers import FAR, NEAR, STATED, Minimum, minimise
+from .solve.solvers import FAR, NEAR, STATED, Minimum, Task, minimise
 from .solve.start_search import is_local, search, with_wide_edges
 from .unknowns.unknown import coordinates, values_at
 from .unknowns.visibility import places_apart
@@ -119,7 +119,7 @@ def _search(
     end = search(problem.unknowns, problem.scene, task, coarse, measured, squares, report_progress)
     if lights := places_apart(problem.unknowns, problem.box.arrow):
         if not problem.data.noise_known:  # else priors of a scale of 1 would hold the lights
-            task = problem.with_scale(_scale(problem, measured, end[1], robust=False), "squares").task(squares)
+            task = problem.with_scale(_scale(task, measured, end[1], robust=False), "squares").task(squares)
         end = from_broad_highlights(end[1], lights, problem.unknowns, problem.scene, task, measured, squares)
     _, theta, ended = end
     return theta, ended and near
@@ -133,31 +133,31 @@ def _settle(
     Returns also whether the last minimum was reached.
     """
 
-    def polished(problem: FitProblem, part: list[Block], theta: Theta) -> tuple[Theta, bool]:
-        task = problem.task(squares)
+    def polished(task: Task, part: list[Block], theta: Theta) -> tuple[Theta, bool]:
         end = minimise(theta, task, part, squares=squares, max_steps=MAX_STEPS, rtol=ROUNDING, stalled=STALLED)
         return end.theta, not end.message
 
     robust = problem.loss != "squares"
     rms = float(np.sqrt(squares / sum(shares(problem.data.pixels, PART))))
-    sigma, near = 0.0, False
+    sigma, near, task = 0.0, False, problem.task(squares)
     for repeat in range(REPEATS):
         part = problem.reweigh(theta, part)
-        new = 1.0 if problem.data.noise_known else max(_scale(problem, part, theta, robust=robust), 1e-9 * rms)
+        new = 1.0 if problem.data.noise_known else max(_scale(task, part, theta, robust=robust), 1e-9 * rms)
         problem = problem.with_scale(new, "huber" if robust else "squares")
-        theta, near = polished(problem, part, theta)
+        task = problem.task(squares)
+        theta, near = polished(task, part, theta)
         if abs(new - sigma) <= 0.01 * new and (problem.data.homoscedastic or repeat > 1):
             break
         sigma = new
     if problem.loss in NOT_CONVEX:
         problem = problem.with_scale(float(problem.model.likelihood.sigma), problem.loss)
-        theta, near = polished(problem, part, theta)
+        theta, near = polished(problem.task(squares), part, theta)
     return problem, part, theta, near
 
 
-def _scale(problem: FitProblem, part: list[Block], theta: Theta, *, robust: bool) -> float:
+def _scale(task: Task, part: list[Block], theta: Theta, *, robust: bool) -> float:
     """Return the scale of the residuals: by the median of their size, or their root mean square."""
-    found = problem.task(1.0).on_all_cores(residuals, theta, part)
+    found = task.on_all_cores(residuals, theta, part)
     r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
     return robust_scale(r) if robust else float(np.sqrt(np.mean(r**2)))
 

@@ -22,7 +22,8 @@ def spread_at(end: Minimum, laid: LaidOut) -> Spread:
     if model.projects and cost > 1e-8 * laid.squares:  # a smaller cost has lost its digits by cancellation
         count = float(sum(s.count for s in laid.problem.data.samples))
         return np.array([count, *[2 * cost] * 2, *[count] * 2])
-    return np.asarray(sum_over(laid.chunks, spread, end.point.theta, model))
+    task = laid.task
+    return np.asarray(sum_over(laid.chunks, spread, task.with_padding(end.point.theta), task.padded_model))
 
 
 def rounded_at(end: Minimum, laid: LaidOut, of: Spread) -> Rounded | None:

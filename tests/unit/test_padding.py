@@ -40,8 +40,7 @@ def cases():
     yield pytest.param(scene, noise, FREE, {}, id="with noise")
     tied = {"tied": ("exposure",), "constraints": (ds.Proportional("k_s", "k_d"),)}
     yield pytest.param(scene, views, FREE, tied, id="tied and proportional")
-    bands = [ds.View(v.image, SMALL, lit=v.lit, exposure=1.0 + 0.1 * i) for i, v in enumerate(views)]
-    yield pytest.param(scene, bands, ("k_d", "k_s", "n_s"), {}, id="known lights")
+    yield pytest.param(scene, views, ("k_d", "k_s", "n_s"), {}, id="known lights")
     sensors = [ds.View(v.image, SMALL, lit=v.lit, sensor=ds.Sensor(gamma=1.1 + 0.1 * i)) for i, v in enumerate(views)]
     yield pytest.param(scene, sensors, (*FREE, "sensor.gamma"), {}, id="sensors")
     mixed, several, free, tied = lights_of_several_kinds_and_views_of_every_sort()
@@ -71,3 +70,19 @@ def test_a_padded_task_has_the_same_point(scene, views, free, options, rendered)
         same(now.gradient, then.gradient)
     same(found.total.hessian.as_matrix(), plain.total.hessian.as_matrix())
     same(found.views.hessian, plain.views.hessian)
+
+
+@pytest.mark.parametrize("free", ["direction", "exposure", "intensity"])
+@pytest.mark.parametrize(("few", "many"), [(5, 6), (10, 12), (17, 21)])
+def test_programs_are_those_of_a_few_numbers_of_views(free, few, many):
+    random, tasks = np.random.default_rng(0), []
+    for count in (few, many):
+        lights = [ds.DirectionalLight(0.3 * random.standard_normal(3) - (0.0, 0.0, 1.0)) for _ in range(count)]
+        scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.5, 0.3, 20)), lights)
+        views = [ds.View(random.random((*SMALL.shape, 3)), SMALL, lit=k) for k in range(count)]
+        error = 1.0 if free == "direction" else None
+        unknowns = find_unknowns(scene, views, ("k_d", "k_s", "n_s", free), light_error=error)
+        tasks.append(new_problem(scene, ViewSet.of(scene, views), unknowns, "squares", "hinge").task(1.0))
+    first, second = tasks
+    assert first.structure == second.structure
+    assert [np.shape(leaf) for leaf in first.leaves] == [np.shape(leaf) for leaf in second.leaves]

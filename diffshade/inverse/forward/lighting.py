@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from ...core.backend import SOONER, jit_quickly
 from ...core.fields import Array
@@ -125,14 +124,14 @@ def faded(light: Any, names: Sequence[str], d: Numbers | None) -> tuple[Numbers,
     return law(d), [slope(name) for name in names]
 
 
-def points_seen(setting: Setting, pixels: Pixels, view: Any, counts: Array) -> Seen:
-    """Return the points that a chunk's pixels show."""
-    projections = jax.tree.map(lambda leaf: leaf[view], setting.projections)
-    return _points_seen(setting.setup.scene.objects, projections, pixels, counts)
-
-
-def _points_seen(objects: tuple[Object, ...], projections: Projection, pixels: Pixels, counts: Array) -> Seen:
+def _points(objects: tuple[Object, ...], projections: Projection, pixels: Pixels, counts: Array) -> Seen:
     return jax.vmap(partial(seen_by, objects))(projections, pixels, counts)
+
+
+def points_seen(setting: Setting, pixels: Pixels, view: Any, counts: Array, find: Any = _points) -> Seen:
+    """Return the points that a chunk's pixels show; the program that finds them knows no views."""
+    projections = jax.tree.map(lambda leaf: leaf[view], setting.projections)
+    return find(setting.setup.scene.objects, projections, pixels, counts)
 
 
 def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
@@ -166,13 +165,7 @@ def _or(found: Numbers | None, default: Numbers) -> Numbers:
     return default if found is None else found
 
 
-def seen_by_chunk(setting: Setting, pixels: Pixels, view: Int[np.ndarray, " blocks"], counts: Array) -> Seen:
-    """Return `points_seen` by a compiled program, which serves any number of views."""
-    projections = jax.tree.map(lambda leaf: np.asarray(leaf)[view], setting.projections)
-    return _seen_by_chunk(setting.setup.scene.objects, projections, pixels, counts)
-
-
-_seen_by_chunk = jit_quickly(_points_seen, options=SOONER)
 # The same, compiled
+seen_by_chunk = partial(points_seen, find=jit_quickly(_points, options=SOONER))
 fields_of_chunk = jit_quickly(fields_at, options=SOONER)
 fields_seen_by_chunk = jit_quickly(fields_seen, options=SOONER)

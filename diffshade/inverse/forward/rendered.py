@@ -132,7 +132,7 @@ class RenderedModel(AbstractForwardModel):
             J, seen = jax.vmap(derivative, out_axes=1)(seeds), block.observed  # (bands, seeds, pixels)
             weight = seen.weight
             if self.steepest is not None:
-                limit = jnp.append(self.steepest, jnp.inf)[index][:, :, None]
+                limit = self._limits(index)[:, :, None]
                 weight = jnp.where(jnp.all(jnp.sqrt(weight)[:, None] * jnp.abs(J) <= limit, 1), weight, 0.0)
             terms = jax.vmap(self.likelihood.terms)(m, seen.target, weight, seen.clipped)
             slope = jnp.einsum("csp,cp->cs", J, terms.slope)
@@ -151,10 +151,14 @@ class RenderedModel(AbstractForwardModel):
         """Return the likelihood's terms channel by channel, of samples that are not too steep."""
         if self.steepest is None:
             return costs(self.likelihood, m, seen)
-        limit = jnp.append(self.steepest, jnp.inf)[index][:, None]
+        limit = self._limits(index)[:, None]
         gentle = [jnp.all(jnp.sqrt(w)[None] * jnp.abs(Jc) <= limit, 0) for w, Jc in zip(seen.weight, J, strict=True)]
         weight = [jnp.where(counts, w, 0.0) for w, counts in zip(seen.weight, gentle, strict=True)]
         return costs(self.likelihood, m, eqx.tree_at(lambda o: o.weight, seen, weight))
+
+    def _limits(self, index: Array) -> Array:
+        """Return the steepest slopes by some unknowns; none by a padded one."""
+        return jnp.asarray(self.steepest).at[index].get(mode="fill", fill_value=jnp.inf)
 
     def gram(self, theta: Float[Array, " p"], summary: Gram) -> ByView:
         """Return the Gram of each view from the sum of the chunks' summaries."""

@@ -86,12 +86,10 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     units = np.sqrt(laid.squares / data.counts.samples), max(s.brightest for s in data.samples)
     lengths = [[len(part.pixels) for part in of] for of in in_chunks(laid.parts)]
     starts = np.cumsum([0, *map(sum, lengths)])
-    both = np.empty((2, starts[-1]), np.float32)
-
-    whole = laid.task.laid(theta)
+    both, at = np.empty((2, starts[-1]), np.float32), laid.task.with_padding(theta)
 
     def fill(k: int) -> None:
-        of_chunk = _residuals(whole, units, laid.task.padded_model, laid.chunks[k])
+        of_chunk = _residuals(at, units, laid.task.padded_model, laid.chunks[k])
         for out, found in zip(both[:, starts[k] : starts[k + 1]], of_chunk, strict=True):
             np.concatenate([row[:n] for row, n in zip(np.asarray(found), lengths[k], strict=True)], out=out)
 

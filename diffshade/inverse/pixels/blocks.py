@@ -129,7 +129,7 @@ def _cut(parts: Sequence[Piece], length: int) -> list[list[Piece]]:
 
 def padded_length(count: int) -> int:
     """Return of how many blocks the points are found together: few different numbers, so that few programs compile."""
-    return next((length for length in (4, 8, CHUNK) if length >= count), -(-count // CHUNK) * CHUNK)
+    return next((length for length in (4, 8, 16, CHUNK) if length >= count), -(-count // CHUNK) * CHUNK)
 
 
 def views_of(parts: Sequence[Piece], length: int | None = None) -> Int[np.ndarray, " blocks"]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Int, Shaped
 
 from ...core.fields import Array
 from ..forward.interface import AbstractForwardModel
@@ -51,11 +51,11 @@ def moved(tree: Any, p: int, whole: int) -> Any:
 def padded_model(model: AbstractForwardModel, p: int, whole: int) -> AbstractForwardModel:
     """Return a model of p unknowns as one of `whole`, with padded views and lights."""
     of, slots = model.setting, model.setting.slots
-    logarithmic = np.append(slots.logarithmic, np.zeros(whole - p, bool))
+    more = (0, whole - p)
     slots = dataclasses.replace(
         slots,
         indices=moved(_padded_setup(slots.indices), p, whole),
-        logarithmic=logarithmic,
+        logarithmic=np.pad(slots.logarithmic, more),
         products=(*moved(to_few_sizes(slots.products[:2]), p, whole), to_few_sizes(slots.products[2])),
         units=to_few_sizes(slots.units),
     )
@@ -67,8 +67,7 @@ def padded_model(model: AbstractForwardModel, p: int, whole: int) -> AbstractFor
         slots=slots,
         rounding=dataclasses.replace(of.rounding, **to_few_sizes({"step": of.rounding.step, "srgb": of.rounding.srgb})),
         shown=moved(to_few_sizes(of.shown), p, whole),
-        seeds=None if of.seeds is None else (_wider(of.seeds[0], whole), to_few_sizes(of.seeds[1])),
-        of_bands=None if of.of_bands is None else (_wider(of.of_bands[0], whole), moved(of.of_bands[1], p, whole)),
+        seeds=None if of.seeds is None else (np.pad(of.seeds[0], ((0, 0), more)), to_few_sizes(of.seeds[1])),
     )
     return dataclasses.replace(model, setting=setting)
 
@@ -77,17 +76,11 @@ def padded_arrow(arrow: Arrow | None, p: int, whole: int) -> Arrow | None:
     """Return an arrow with more blocks, which have no unknowns."""
     if arrow is None:
         return None
-    blocks = np.full((few_sizes(len(arrow.blocks)), arrow.blocks.shape[1]), whole)
-    blocks[: len(arrow.blocks)] = moved(arrow.blocks, p, whole)
-    return Arrow(arrow.border, blocks)
+    more = few_sizes(len(arrow.blocks)) - len(arrow.blocks)
+    return Arrow(arrow.border, np.pad(moved(arrow.blocks, p, whole), ((0, more), (0, 0)), constant_values=whole))
 
 
 def _padded_setup(of: Setup) -> Setup:
     """Return a setup, or indices in the shape of one, of more views and lights."""
     scene = dataclasses.replace(of.scene, lights=to_few_sizes(of.scene.lights))
     return Setup(scene, *to_few_sizes((of.exposure, of.black, of.sensor)))
-
-
-def _wider(seeds: Float[Array, "seeds p"], whole: int) -> Float[np.ndarray, "seeds whole"]:
-    """Return directions in the space of more unknowns."""
-    return np.pad(seeds, ((0, 0), (0, whole - seeds.shape[1])))

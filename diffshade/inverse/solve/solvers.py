@@ -60,10 +60,9 @@ class PriorResiduals(eqx.Module):
 
     def padded(self, whole: int) -> PriorResiduals:
         """Return the residuals with others of no weight: a prior for each of more unknowns, and more unit vectors."""
-        none = np.zeros(whole - len(self.index) if len(self.index) else 0)
-        mean, weight = np.append(self.mean, none), np.append(self.weight, none)
-        index, units = np.append(self.index, none.astype(int)), to_few_sizes(self.units)
-        unit_weight = np.append(self.unit_weight, np.zeros(len(units) - len(self.units)))
+        more, units = (0, whole - len(self.index) if len(self.index) else 0), to_few_sizes(self.units)
+        index, mean, weight = (np.pad(of, more) for of in (self.index, self.mean, self.weight))
+        unit_weight = np.pad(self.unit_weight, (0, len(units) - len(self.units)))
         return PriorResiduals(index, mean, weight, units, unit_weight)
 
 
@@ -80,9 +79,10 @@ class BoxConstraints(eqx.Module):
     def padded(self, whole: int) -> BoxConstraints:
         """Return the ranges of more unknowns; these have none."""
         p = len(self.lower)
-        far, arrow = np.full(whole - p, np.inf), padded_arrow(self.arrow, p, whole)
-        linear = np.append(self.linear, np.zeros(whole - p, bool))
-        return BoxConstraints(np.append(self.lower, -far), np.append(self.upper, far), linear, arrow, self.in_border)
+        more, arrow = (0, whole - p), padded_arrow(self.arrow, p, whole)
+        lower = np.pad(self.lower, more, constant_values=-np.inf)
+        upper = np.pad(self.upper, more, constant_values=np.inf)
+        return BoxConstraints(lower, upper, np.pad(self.linear, more), arrow, self.in_border)
 
 
 class Task:
@@ -114,9 +114,9 @@ class Task:
         task._take_apart()
         return task
 
-    def laid(self, theta: Any) -> np.ndarray:
+    def with_padding(self, theta: Any) -> np.ndarray:
         """Return the unknowns with the padded ones."""
-        return np.append(theta, np.zeros(self.whole - len(theta)))
+        return np.pad(theta, (0, self.whole - len(theta)))
 
     def own(self, point: Point) -> Point:
         """Return a point without what is padded."""
@@ -133,12 +133,12 @@ class Task:
         p, priors = len(self.box.lower), self.priors
         if not (len(priors.index) or len(priors.units)):
             return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
-        of = jax.tree.map(np.asarray, _prior_gram(self.laid(theta), self.padded_priors))
+        of = jax.tree.map(np.asarray, _prior_gram(self.with_padding(theta), self.padded_priors))
         return Gram(of.cost, of.gradient[:p], of.hessian[:p, :p])
 
     def on_all_cores(self, program: Callable[..., T], theta: Any, chunks: Sequence[Block]) -> list[T]:
         """Return what a compiled program of the unknowns, the model and a chunk gives for each chunk."""
-        theta = self.laid(theta)
+        theta = self.with_padding(theta)
         return on_all_cores(lambda chunk: program(theta, self.padded_model, chunk), chunks)
 
 
@@ -211,7 +211,7 @@ def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> 
 
 def evaluate(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
     """Return the point at theta, or, for a model that projects, at its best linear unknowns: one pass, on all cores."""
-    return task.own(_evaluated(task.laid(theta), task, chunks))
+    return task.own(_evaluated(task.with_padding(theta), task, chunks))
 
 
 def _evaluated(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
@@ -309,7 +309,7 @@ def minimise(
     the steps run on all cores, which no traced loop can.
     """
     solver = _solver(task.padded_box, squares, projects=task.model.projects, rtol=rtol, damping=damping)
-    theta = task.laid(theta)
+    theta = task.with_padding(theta)
     point = _evaluated(theta, task, chunks)
     state, done, failed = _begin(theta, solver, point), False, False
     costs = [float(point.total.cost)]
