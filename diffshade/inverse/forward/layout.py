@@ -69,6 +69,9 @@ def points_of(
         counts[: len(parts), 0] = [len(part.pixels) for part in parts]
         return place(parts, size, over_pixels, length), views_of(parts, length), np.arange(size) < counts
 
+    def at_once(pair: tuple) -> Any:
+        return jax.device_put(model.fields(*pixels_of(first[pair], len(first[pair]))))
+
     def seen(key: tuple) -> Any:
         """Return what a camera shows; blocks of a chunk that show the same are found once."""
         parts, different = first[by_camera[key][0]], list(dict.fromkeys(key))
@@ -85,10 +88,18 @@ def points_of(
         found = on_all_cores(lambda pair: model.lit(points[pair[0]], views_of(first[pair])), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    keys, found = [*by_camera], dict[tuple, Any]()
-    for start in range(0, len(keys), cores()):  # a few at a time: what is seen takes more memory than what is kept
-        found |= lit(keys[start : start + cores()])
+    alone = {key: of[0] for key, of in by_camera.items() if len(of) == 1 and not _repeats(key)}
+    shared = [key for key in by_camera if key not in alone]
+    found = dict(zip(alone.values(), on_all_cores(at_once, alone.values()), strict=True))
+    for start in range(0, len(shared), cores()):  # a few at a time: what is seen takes more memory than what is kept
+        found |= lit(shared[start : start + cores()])
     return [found[pair] for pair in alike]
+
+
+def _repeats(key: Sequence[tuple]) -> bool:
+    """Whether blocks of a chunk show the same pixels, so that finding these once saves something."""
+    filled = [block for block in key if block[1]]
+    return len(set(filled)) < len(filled) and padded_length(len(set(key))) < len(key)
 
 
 def with_weights(model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:

@@ -134,14 +134,17 @@ def points_seen(setting: Setting, pixels: Pixels, view: Any, counts: Array, find
     return find(setting.setup.scene.objects, projections, pixels, counts)
 
 
-def _fields(lobe: AbstractPowerLobe, lamps: Sequence[Any], seen: Seen) -> Fields:
-    def of_block(lamps: Sequence[Any], seen: Seen) -> Fields:
+def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
+    """Return the fields of a chunk's points, which its views' lights decide."""
+    scene = setting.setup.scene
+    lobe: Any = scene.objects[0].material.lobe
+
+    def of_block(seen: Seen, view: Array) -> Fields:
         one = jnp.ones_like(seen.n.x)
-        rows = [
-            lit_by(jax.tree.map(lambda leaf, k=k: leaf[k], of_kind), lobe, seen)
-            for of_kind in lamps
-            for k in range(len(of_kind.intensity))
-        ]
+        rows: list[Lit] = []
+        for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
+            for k in range(index.shape[1]):
+                rows.append(lit_by(jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack), lobe, seen))
         if not rows:
             none = jnp.zeros((0, *seen.counts.shape))
             return Fields(seen.counts, none, none, None, None)
@@ -150,17 +153,12 @@ def _fields(lobe: AbstractPowerLobe, lamps: Sequence[Any], seen: Seen) -> Fields
         diffuse, log, d, f_ang = (jnp.stack(of) for of in zip(*filled, strict=True))
         return Fields(seen.counts, diffuse, log, d if local else None, f_ang if angular else None)
 
-    return jax.vmap(of_block)(lamps, seen)
+    return jax.vmap(of_block)(seen, view)
 
 
-def fields_at(setting: Setting, seen: Seen, view: Any, find: Any = _fields) -> Fields:
-    """Return the fields of a chunk's points, which its lights decide; the program that finds them knows no views."""
-    scene = setting.setup.scene
-    lamps = [
-        jax.tree.map(lambda leaf, of=index[view]: leaf[of], stack)
-        for stack, (index, _) in zip(scene.lights, setting.lit, strict=True)
-    ]
-    return find(scene.objects[0].material.lobe, lamps, seen)
+def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
+    """Return the fields of a chunk's pixels."""
+    return fields_at(setting, points_seen(setting, pixels, view, counts), view)
 
 
 def _or(found: Numbers | None, default: Numbers) -> Numbers:
@@ -169,4 +167,5 @@ def _or(found: Numbers | None, default: Numbers) -> Numbers:
 
 # The same, compiled
 seen_by_chunk = partial(points_seen, find=jit_quickly(_points, options=SOONER))
-fields_of_chunk = partial(fields_at, find=jit_quickly(_fields, options=SOONER))
+fields_of_chunk = jit_quickly(fields_at, options=SOONER)
+fields_seen_by_chunk = jit_quickly(fields_seen, options=SOONER)
