@@ -64,7 +64,7 @@ def checked_light_error(
             f"light_error needs k_d, k_s, n_s and normal free alone, and a robust loss; got free={free}, "
             f"loss={loss!r}. Free them, or leave light_error out."
         )
-    return LightErrors(np.deg2rad(of_view)[:, None, None] * np.eye(3), np.zeros(len(views)))
+    return LightErrors.within(np.deg2rad(of_view))
 
 
 def _checked_names(free: Iterable[str]) -> tuple[str, ...]:

@@ -53,6 +53,11 @@ UNUSED = Note(
     "channels, texels do not share a highlight.",
     "light error",
 )
+A_DEGREE = Note(
+    "the directions to the lights are taken to be known to a degree, since nothing else is stated: light_error=, or "
+    "--light-error, states it; 0 is right for renders.",
+    "light error",
+)
 
 
 class Choices(NamedTuple):
@@ -127,7 +132,8 @@ def fit_texels(
         light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
             one for each light. The errors of the normals then contain it, and all texels share a highlight; where the
             lights do not allow that, a note says so. A view under several lights has the largest of theirs. By default
-            nothing is stated, and the lights are taken to be exact.
+            the errors contain a degree, and a note says so, where all texels share a highlight; where each is fitted by
+            itself, the lights are taken to be exact.
         match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
             are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
             is done where twelve photographs or more show it, by 15 % in one of them or 5 % in a colour; a note says so.
@@ -226,7 +232,7 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
         if level > 0.0:
             views = darker(views, level)
             each = TexelRun(scene, views, free, "squares", regions, tiles)
-        exposures, taught, on_lights = found_exposures(scene, views, taught, light_error)
+        exposures, taught, on_lights = found_exposures(scene, views, taught)
         on_lights = (*on_level, *on_lights)
     if other is None and not any(note.kind == "disagrees" for note in on_lights):
         on_lights = (*on_lights, *note_on_turned_lights(*taught))
@@ -234,7 +240,10 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     run, models, sample = taught
     may_be_own = light_error is None and exposures is None
     by_itself = may_be_own and own_exponents_predict_better(*taught, each.setup.lobe, each.estimates)
-    maps = each.maps(lights, notes) if by_itself else run.maps(models, sample, notes)
+    if by_itself:
+        maps = each.maps(lights, notes)
+    else:
+        maps = run.maps(models, sample, notes if light_error is not None else (*notes, A_DEGREE))
     as_given = eqx.tree_at(lambda of: of.lights, maps.scene, scene.lights)
     return dataclasses.replace(maps, scene=as_given, exposures=exposures, shifts=shifts, black=level)
 

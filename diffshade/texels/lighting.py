@@ -28,6 +28,11 @@ class LightErrors(NamedTuple):
     alike: Float[np.ndarray, "patterns views"] | None = None
     """Relative changes of the brightness that all views share, one standard deviation each; None: there are none."""
 
+    @classmethod
+    def within(cls, angle: Float[np.ndarray, " views"]) -> LightErrors:
+        """Return the errors of directions known to an angle (radians) about each axis, of brightness known exactly."""
+        return cls(angle[:, None, None] * np.eye(3), np.zeros(len(angle)))
+
 
 class Exposures(NamedTuple):
     """How much more each photograph shows than its exposure says, found from all texels of an object, and undone."""

@@ -190,6 +190,11 @@ def test_light_errors_enlarge_the_errors_of_normals(shadowed):
     # independent errors of 3 degrees, averaged over some of 20 lights
     added = np.sqrt(np.maximum(wide.errors["normal"] ** 2 - maps.errors["normal"] ** 2, 0.0))[both]
     assert 0.5 < np.median(added) < 3.0
+    stated, exact = (ds.fit_texels(facing_us(ball), ball.views, free=FREE, light_error=error) for error in (1.0, 0.0))
+    np.testing.assert_array_equal(stated.errors["normal"], maps.errors["normal"])  # a degree, if nothing is said
+    assert any("known to a degree" in note for note in maps.notes)
+    assert not any("known to a degree" in note for note in stated.notes)
+    assert np.median(exact.errors["normal"][both]) < np.median(maps.errors["normal"][both])
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
-from ...core.thresholds import CLEARLY, DEGREE, MINOR, SLIGHT, SMALL, TINY
+from ...core.thresholds import CLEARLY, MINOR, SLIGHT, SMALL, TINY
 from ...core.words import MAX_NAMED, Note
 from ...inverse.data.views import View
 from ...inverse.unknowns.light_priors import middle_of
@@ -61,7 +61,7 @@ class Taught(NamedTuple):
 
 
 def found_exposures(
-    scene: Scene, views: Sequence[View], first: Taught, light_error: LightErrors | None
+    scene: Scene, views: Sequence[View], first: Taught
 ) -> tuple[Exposures | None, Taught, tuple[Note, ...]]:
     """Return how much more each photograph shows than it is said to, what they teach with that undone, and notes.
 
@@ -73,7 +73,6 @@ def found_exposures(
         scene: One object and its lights.
         views: The photographs.
         first: What they teach with the exposures as they are said to be.
-        light_error: How well the lights are known; None is a degree.
     """
     used, every = one_light_each(scene, views), len(views)
     colour = None if used is None or len(set(used)) < max(every, GROUPS) else _colours(first)
@@ -87,12 +86,12 @@ def found_exposures(
     if every >= ENOUGH:
         found = as_said
         for free in (0.0, 1.0):  # lights that may move at once take the exposures' part
-            found = _refined(found, rig, first, free * _of_directions(as_said, light_error))
-        taught = _taught_with(found, rig, first, light_error)
+            found = _refined(found, rig, first, free * _of_directions(as_said, first.run.light_error))
+        taught = _taught_with(found, rig, first)
         if clearly_better(first.errors, taught.errors):
             return found, taught, _notes_on(found, rig.given)
     if coloured:
-        return as_said, _taught_with(as_said, rig, first, light_error), _notes_on(as_said, rig.given)
+        return as_said, _taught_with(as_said, rig, first), _notes_on(as_said, rig.given)
     if every >= ENOUGH:
         return None, first, ()
     text = (
@@ -122,28 +121,27 @@ def undone(found: Exposures, rig: _Rig) -> Scene:
     return rig.lit(LightEstimates(found.directions, found.factor))
 
 
-def _taught_with(found: Exposures, rig: _Rig, first: Taught, light_error: LightErrors | None) -> Taught:
+def _taught_with(found: Exposures, rig: _Rig, first: Taught) -> Taught:
     """Return what the same texels teach with exposures undone, with errors that contain those of the exposures."""
-    run = first.run.under(lighting_setup(undone(found, rig), rig.views), _errors_with(found, light_error))
+    run = first.run.under(lighting_setup(undone(found, rig), rig.views), _errors_with(found, first.run.light_error))
     return Taught(run, run.learn(first.sample), first.sample)
 
 
-def _errors_with(found: Exposures, light_error: LightErrors | None) -> LightErrors:
-    """Return how well the lights are known with these exposures: their directions to a degree, if nothing is said.
+def _errors_with(found: Exposures, light_error: LightErrors) -> LightErrors:
+    """Return how well the lights are known with these exposures.
 
     What a model leaves out is alike under lights that are near each other, and so are the exposures' errors by it. They
     are taken to change linearly with the light's direction, each of three ways as likely, which turns all normals.
     """
-    each = np.broadcast_to(DEGREE * np.eye(3), (len(found.error), 3, 3))
     apart, size, _ = np.linalg.svd(found.directions - found.directions.mean(0), full_matrices=False)
     apart = apart * (size > SMALL * size[0])  # lights of one height differ in two ways
     alike = found.error * apart.T * np.sqrt(len(apart) / 3.0)
-    return LightErrors(each if light_error is None else light_error.direction, found.error, alike)
+    return LightErrors(light_error.direction, found.error, alike)
 
 
-def _of_directions(found: Exposures, light_error: LightErrors | None) -> Float[np.ndarray, " views"]:
+def _of_directions(found: Exposures, light_error: LightErrors) -> Float[np.ndarray, " views"]:
     """Return the standard deviation of each direction about each of the two axes across it."""
-    root = _errors_with(found, light_error).direction
+    root = light_error.direction
     along = np.einsum("vi,vij->vj", found.directions, root)
     return np.sqrt((np.square(root).sum((1, 2)) - np.square(along).sum(1)) / 2.0)
 
@@ -180,7 +178,7 @@ def _refined(found: Exposures, rig: _Rig, first: Taught, error: Float[np.ndarray
 
     views, every = rig.views, len(rig.views)
     stated = Stated(rig.given, error, np.full(every, np.inf))
-    run = first.run.under(lighting_setup(lit(LightEstimates(rig.given, np.ones(every))), views), None)
+    run = first.run.under(lighting_setup(lit(LightEstimates(rig.given, np.ones(every))), views))
     refined = refine(lit, views, run, first.sample, np.arange(every), stated, run.tiles.report_progress)
     directions, gain = refined.lamps
     # what the model leaves out of a texel is alike over a photograph: it is no smaller for all of them

@@ -110,7 +110,7 @@ def find_lights(
                     "the lights lie in one plane with the object, which leaves its normals, and so the lights, open. "
                     "Add photographs under lights out of the plane."
                 )
-            run = RobustRun(each.setup, each.known, "cauchy", None, tiles, neighbours=False, light_error=None)
+            run = RobustRun(each.setup, each.known, "cauchy", None, tiles, neighbours=False)
             stated = Stated(
                 begin.directions, np.full(len(used), LOOSE[0]) if error is None else error[used], brighter[used]
             )

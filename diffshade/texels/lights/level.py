@@ -44,7 +44,7 @@ def found_level(scene: Scene, views: Sequence[View], first: Taught) -> tuple[flo
     level, typical = float(np.quantile(seen[in_shadow], SLIGHT)), float(np.median(seen[sample.counts]))
     if not NEGLIGIBLE * typical < level < BLACK * typical:
         return 0.0, first, ()
-    run = first.run.under(lighting_setup(scene, darker(views, level)), first.run.light_error)
+    run = first.run.under(lighting_setup(scene, darker(views, level)))
     misfit = Taught(run, run.learn(sample, first.models[0].assumed), sample).misfit
     if not misfit < first.misfit:
         return 0.0, first, ()

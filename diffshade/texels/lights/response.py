@@ -113,7 +113,7 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
 
             def misfit_of(sample: TexelTile) -> Misfit:
                 def misfit(gamma: float) -> float:
-                    run = RobustRun(setup, known, "cauchy", None, tiles, neighbours=False, light_error=None)
+                    run = RobustRun(setup, known, "cauchy", None, tiles, neighbours=False)
                     linear = raised(sample, gamma)
                     model = run.learn(linear, every_assumption()[0])[0]
                     return misfit_in_file(sample, linear, run.sample_at_minimum(linear, model), gamma)

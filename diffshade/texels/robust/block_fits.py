@@ -74,7 +74,7 @@ def normals_of(
     known: KnownCoefficients,
     block: TexelBlock,
     model: ObjectModel,
-    light_error: LightErrors | None,
+    light_error: LightErrors,
 ) -> Normals:
     """Return the normals of a block.
 
@@ -83,7 +83,7 @@ def normals_of(
         known: The coefficients that are not fitted.
         block: The texels.
         model: What the object's texels have in common.
-        light_error: How well each view's lights are known; None where exactly.
+        light_error: How well each view's lights are known.
     """
     observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     return _with_spread(setup, block, observed, model, lowest_two(observed, model), light_error)
@@ -96,7 +96,7 @@ def _with_spread(
     observed: BlockObservations,
     model: ObjectModel,
     both: DescentState,
-    light_error: LightErrors | None,
+    light_error: LightErrors,
 ) -> Normals:
     """Return the normals of a block at their lowest minima, and what their errors follow from."""
     state, other = (jax.tree.map(lambda leaf, i=i: leaf[i], both) for i in range(2))
@@ -122,9 +122,7 @@ def _with_spread(
         ambient=False,
     )
     spread = jnp.stack([jnp.sqrt(tilt_a + tilt_b), jnp.sqrt(k_d) * observed.level, jnp.sqrt(k_s) * observed.level])
-    by_lights = jnp.zeros_like(state.k_d)
-    if light_error is not None:
-        by_lights = _by_lights(observed, model.shape, weighing, state, A, here.J, here.weight, light_error)
+    by_lights = _by_lights(observed, model.shape, weighing, state, A, here.J, here.weight, light_error)
     n = jnp.stack([state.n.x, state.n.y, state.n.z])
     lit = jnp.sum(reached, 0, dtype=jnp.float32)
     turned_by = by_bounce(observed, model, state, A, here)

@@ -60,7 +60,7 @@ class RobustRun(TexelWork):
         tiles: TileRunner,
         *,
         neighbours: bool,
-        light_error: LightErrors | None,
+        light_error: LightErrors | None = None,
     ):
         """Gather what all texels have in common.
 
@@ -71,16 +71,23 @@ class RobustRun(TexelWork):
             regions: Region of each pixel, numbered from 0 without gaps; None makes the object one.
             tiles: What reads the tiles and stores the maps.
             neighbours: Whether a normal is the median of those around it.
-            light_error: How well each view's lights are known; None where exactly.
+            light_error: How well each view's lights are known; by default to a degree.
         """
         setup = eqx.tree_at(lambda setup: setup.lobe, setup, beside_blinn(setup.lobe))
         super().__init__(setup, known, loss, regions, tiles)
-        self.neighbours, self.light_error = neighbours, light_error
+        self.neighbours = neighbours
+        self.light_error = light_error or LightErrors.within(np.full(len(tiles.reader.views), DEGREE))
 
-    def under(self, setup: LightingSetup, light_error: LightErrors | None) -> RobustRun:
+    def under(self, setup: LightingSetup, light_error: LightErrors | None = None) -> RobustRun:
         """Return what works on the same texels, for photographs that are described otherwise."""
         return RobustRun(
-            setup, self.known, self.loss, self.regions, self.tiles, neighbours=self.neighbours, light_error=light_error
+            setup,
+            self.known,
+            self.loss,
+            self.regions,
+            self.tiles,
+            neighbours=self.neighbours,
+            light_error=light_error or self.light_error,
         )
 
     def learn(self, sample: TexelTile, assumed: Assumptions | None = None) -> list[ObjectModel]:
