@@ -190,6 +190,8 @@ def test_a_response_is_found_from_plain_views_alone():
 def test_wrong_sensors_are_refused():
     with pytest.raises(ValueError, match=r"Sensor\.gamma must be above 0; got 0"):
         ds.Sensor(gamma=0)
+    with pytest.raises(TypeError, match=r"Sensor\.vignetting must be a Vignetting; got float"):
+        ds.Sensor(vignetting=0.0)  # pyright: ignore[reportArgumentType]
     _, views = taken(ds.Sensor())
     with pytest.raises(TypeError, match=r"View\.sensor must be a Sensor; got float"):
         dataclasses.replace(views[0], sensor=1.8)

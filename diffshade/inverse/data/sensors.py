@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...core.fields import Array, Checked, Scalar, as_scalar, is_concrete, parameter
+from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter
 from ...model.cameras import Projection
 from ...model.vectors import dot, length
 
@@ -77,6 +77,7 @@ class Sensor(Checked):
     )
 
     def check_together(self) -> None:
+        check_kind("Sensor.vignetting", self.vignetting, Vignetting, "Vignetting(second=-0.3)")
         for name in ("gamma", "red", "blue"):
             if is_concrete(getattr(self, name)) and not getattr(self, name) > 0:
                 raise ValueError(f"Sensor.{name} must be above 0; got {getattr(self, name)}. Give 1 where it is none.")
