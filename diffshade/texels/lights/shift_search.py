@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from ...core.robust_scale import MAD
-from ...core.thresholds import FAR_MORE, MINOR, MOST, SINGLE, SMALL, TINY
+from ...core.robust_scale import MAD, RARE
+from ...core.thresholds import CLEARLY, FAR_MORE, MINOR, MOST, SINGLE, SMALL, TINY
 from ...inverse.data.views import View, colours
 from ...inverse.forward.losses import CAUCHY
 from ...inverse.solve.elimination import eliminate
@@ -59,26 +59,44 @@ class ShiftState(NamedTuple):
     """What typical texels show beyond the model, relative."""
 
 
-def found_shifts(
-    pictures: Pictures, toward: Float[np.ndarray, "views 3"]
-) -> tuple[Float[np.ndarray, "views 2"], Float[np.ndarray, "views 2"], Float[np.ndarray, " views"]]:
-    """Return shifts, down and to the right, their errors, and how many times nearer each photograph is with them.
+class FoundShifts(NamedTuple):
+    """How far photographs are moved, down and to the right."""
+
+    shift: Float[np.ndarray, "views 2"]
+    error: Float[np.ndarray, "views 2"]
+    clear: Bool[np.ndarray, " views"]
+    """Which of them are moved by half a pixel and three errors, and are clearly nearer to the others with it undone."""
+
+
+def found_shifts(pictures: Pictures, toward: Float[np.ndarray, "views 3"]) -> FoundShifts | None:
+    """Return how far photographs are moved; None where none is moved clearly.
 
     The errors contain how the regions disagree, and what all of them share of what a matte model leaves out: how far
-    shifts change with less detail and with dimmer observations.
+    shifts change with less detail and with dimmer observations. What only a clear shift needs is computed only for one.
     """
     state = before = _start(pictures, toward)
     for blur in BLURS:
         before, state = state, _aligned(pictures, state, blur, MOST)
+    shift = state.shift - np.median(state.shift, 0)
+    if (np.abs(shift) > MOST).any(1).mean() > MOST:  # none is where most are: the mask says where they belong
+        shift = shift + _beside_mask(pictures, shift)
+    if not (np.abs(shift) > MOST).any():
+        return None
     dim = _aligned(pictures, state, BLURS[-1], SMALL)
-    still = _aligned(pictures, state._replace(shift=np.zeros_like(state.shift)), BLURS[-1], MOST, moves=False)
     left_out = sum(np.square(other.shift - state.shift).mean() for other in (before, dim)) + SMALL**2
     of_median = 1.0 + np.pi / 2.0 / len(state.shift)  # which is where they are said to be from
     error = np.sqrt(of_median * (np.diag(state.covariance).reshape(-1, 2) + left_out))
-    return state.shift - np.median(state.shift, 0), error, still.misfit / np.maximum(state.misfit, TINY)
+    beyond = (np.abs(shift) > np.maximum(RARE * error, MOST)).any(1)
+    if not beyond.any():
+        return None
+    # highlights and bounced light imitate shifts: a photograph that did not move fits, held in place, at most 1.4 times
+    # worse
+    still = _aligned(pictures, state._replace(shift=np.zeros_like(state.shift)), BLURS[-1], MOST, moves=False)
+    clear = beyond & (still.misfit > CLEARLY * np.maximum(state.misfit, TINY))
+    return FoundShifts(shift, error, clear) if clear.any() else None
 
 
-def beside_mask(pictures: Pictures, shift: Float[np.ndarray, "views 2"]) -> Float[np.ndarray, "2"]:
+def _beside_mask(pictures: Pictures, shift: Float[np.ndarray, "views 2"]) -> Float[np.ndarray, "2"]:
     """Return how much farther all photographs are moved, by where they show its outline; 0 if nowhere."""
     mask, far = pictures.mask, int(BLURS[0])
     outside = ndimage.binary_dilation(mask, iterations=far) & ~mask

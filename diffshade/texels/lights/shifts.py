@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from ...core.robust_scale import RARE
-from ...core.thresholds import CLEARLY, FEW, MOST, TINY
+from ...core.thresholds import FEW, TINY
 from ...core.words import MAX_NAMED, Note
 from ...inverse.data.samples import SensorRange, kept, top_of_view
 from ...inverse.data.views import View, colours
@@ -23,7 +22,7 @@ from ..lighting import Shifts
 from ..robust.learning import MIN_SAMPLES
 from ..tiles import SQUARE, TexelTile
 from .placing import directions_to, one_light_each
-from .shift_search import beside_mask, found_shifts, pictures_of
+from .shift_search import found_shifts, pictures_of
 
 
 def undone_shifts(
@@ -46,16 +45,12 @@ def undone_shifts(
     mask = np.asarray(silhouette(scene.objects, views[0].camera)) & np.any([kept(view) for view in views], 0)
     pictures = pictures_of(views, np.maximum(intensity, TINY), sample, mask)
     with ONE_BLAS_THREAD:
-        shift, error, better = found_shifts(pictures, directions_to(scene, used, middle_of(scene)))
-    if (np.abs(shift) > MOST).any(1).mean() > MOST:  # none is where most are: the mask says where they belong
-        shift = shift + beside_mask(pictures, shift)
-    # highlights and bounced light imitate shifts: a photograph that did not move fits, held in place, at most 1.4 times
-    # worse
-    told = (np.abs(shift) > np.maximum(RARE * error, MOST)).any(1) & (better > CLEARLY)
-    if not told.any():
+        of_pictures = found_shifts(pictures, directions_to(scene, used, middle_of(scene)))
+    if of_pictures is None:
         return views, None, ()
-    found = Shifts(pictures.size * shift[:, ::-1], pictures.size * error[:, ::-1], told)
-    moved = [_moved_back(view, by) if of else view for view, by, of in zip(views, found.pixels, told, strict=True)]
+    shift, error, clear = of_pictures
+    found = Shifts(pictures.size * shift[:, ::-1], pictures.size * error[:, ::-1], clear)
+    moved = [_moved_back(view, by) if of else view for view, by, of in zip(views, found.pixels, clear, strict=True)]
     text = (
         f"photographs are shifted: {_named(found)}. This was found from the object and undone; align=False, or "
         "--no-align, takes them as they are."
