@@ -12,6 +12,7 @@ import diffshade as ds
 from diffshade.core.backend import in_float64
 from diffshade.io.lazy_images import LazyImage
 from diffshade.texels.lighting import Shifts
+from diffshade.texels.lights.shift_search import _matte
 from diffshade.texels.lights.shifts import _moved_back, _named, undone_shifts
 from diffshade.texels.tiles import ViewReader
 
@@ -52,6 +53,18 @@ def test_photographs_that_moved_are_moved_back(material):
 def test_right_photographs_are_left_as_they_are(material):
     of = bumpy(material, 12, 60.0, off=1.0, cast=True)
     assert found_in(of.scene, of.views) == (of.views, None, ())
+
+
+def test_a_texel_that_shifts_move_out_of_all_pictures_tells_nothing():
+    random, ends = np.random.default_rng(0), np.array([0, 3, 6])
+    light = np.broadcast_to(bumpy("matte", 8, 50.0).to_light, (2, 8, 3))
+    inside = np.ones((8, 6), bool)
+    inside[:, 2] = False
+    seen = light[0] @ (0.1, 0.2, 1.0) * random.uniform(0.5, 1.0, (6, 1)) + random.normal(0.0, 0.01, (6, 8))
+    texels = _matte(seen.T, inside, light, ends, 0.5)
+    assert all(np.isfinite(of).all() for of in texels)
+    assert not texels.weight[:, 2].any()
+    assert texels.weight[:, 3].any()
 
 
 @pytest.mark.thorough

@@ -198,7 +198,8 @@ def _matte(
     pairs = (light[..., :, None] * light[..., None, :]).reshape(*light.shape[:2], 9)
     level = np.sqrt(np.square(seen).mean(0))
     plain = inside / (np.square(level) + (SMALL * np.median(level)) ** 2)
-    rounding = SINGLE * plain.mean(0)[:, None, None] * np.eye(3)
+    seen_at_all = np.where(inside.any(0), plain.mean(0), 1.0)  # at a border, shifts leave a texel in no picture
+    rounding = SINGLE * seen_at_all[:, None, None] * np.eye(3)
     weight, unit = plain * (seen > bright * level), 1.0
 
     def minimum(weight: Float[np.ndarray, "views texels"], unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
