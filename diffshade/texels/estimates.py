@@ -136,10 +136,13 @@ def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, t
     numbers = named_numbers(full, block, options)
     highlight = candidates.glossy & highlight_is_determined(full, numbers)
     values, errors, determined = _chosen_numbers(candidates, numbers, block, options)
-    lit, freedom = candidates.chosen(full.lit, plain.lit), candidates.chosen(full.freedom, plain.freedom)
+    freedom = candidates.chosen(full.freedom, plain.freedom)
     variance, level = candidates.chosen(full.residual_variance, plain.residual_variance), full.level
     misfit = ~typical.accounts_for(variance, level, freedom)
-    shadowed = (freedom <= 0) | (lit < (MIN_LIT_WITH_NORMAL if full.problem.fit_normal else 1))
+    if full.problem.fit_normal:
+        shadowed = (freedom <= 0) | (candidates.chosen(full.clear, plain.clear) < MIN_LIT_WITH_NORMAL)
+    else:
+        shadowed = (freedom <= 0) | (candidates.chosen(full.lit, plain.lit) < 1)
     finite = all_finite(values)
     converged = candidates.chosen(full.descent.converged, plain.descent.converged)
     vague = candidates.significant & ~highlight

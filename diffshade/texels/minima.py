@@ -13,13 +13,23 @@ import scipy.stats
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from ..core.robust_scale import RARE
 from ..core.thresholds import MINOR
 from ..model.vectors import Vec3
 from .blocks import FitOptions, TexelBlock, begin, geometry_of
 from .descent import Descent, best_on_grid, choose, descend
 from .geometry import AbstractLightingGeometry
 from .lighting import LightingSetup
-from .prediction import KnownCoefficients, TexelProblem, ViewSlice, features, first_weights, view_slices
+from .normal_equations import NormalEquations
+from .prediction import (
+    KnownCoefficients,
+    TexelProblem,
+    ViewSlice,
+    features,
+    first_weights,
+    sample_variance,
+    view_slices,
+)
 
 
 class TexelMinima(eqx.Module):
@@ -29,6 +39,8 @@ class TexelMinima(eqx.Module):
     descent: Descent
     lit: Float[Array, " texels"]
     """Number of observations that count and that a light reaches."""
+    clear: Float[Array, " texels"]
+    """Number of those in which k_d shows it above the noise, which may tilt a normal towards a light."""
     freedom: Float[Array, " texels"]
     """Degrees of freedom: their samples less the unknowns."""
     variance: Float[Array, " texels"]
@@ -67,24 +79,29 @@ def find_minimum(
     x = best_on_grid(problem, n, weight) if problem.fit_exponent else block.log_n_s
     descent = descend(problem, n, x, weight, max_steps)
     found, channels = descent.found, block.observed.channels
-    lit = _lit(problem, found.n, found.x)
+    by_all = found.squares / jnp.maximum(problem.samples - problem.unknowns, 1.0)
+    lit, clear = _lit(problem, found, jnp.ones_like(by_all) if options.known_noise else by_all)
     freedom = lit * channels - problem.unknowns
     freedom_kept = jnp.minimum(found.share, lit) * channels - problem.unknowns
     residual_variance = jnp.where(freedom > 0, found.squares / jnp.maximum(freedom_kept, 1.0), jnp.inf)
     variance = jnp.ones_like(residual_variance) if options.known_noise else residual_variance
     ambient = "k_a" in known.fitted
     out_of_plane = geometry.out_of_plane(setup, descent.weight, found.n, ambient=ambient)
-    return TexelMinima(problem, descent, lit, freedom, variance, residual_variance, out_of_plane)
+    return TexelMinima(problem, descent, lit, clear, freedom, variance, residual_variance, out_of_plane)
 
 
-def _lit(problem: TexelProblem, n: Vec3, x: Array) -> Float[Array, " texels"]:
-    """Return how many observations that count a light reaches."""
+def _lit(problem: TexelProblem, found: NormalEquations, variance: Array) -> Float[Array, "2 texels"]:
+    """Return how many observations that count a light reaches, and in how many of them k_d shows it above the noise."""
+    known = problem.known
+    k_d = found.k[known.fitted.index("k_d")] if known.k_d is None else known.k_d[:, None]
 
     def add(total: Array, view: ViewSlice) -> tuple[Array, None]:
-        u = problem.geometry.shading(view.geometry, n, (), x).u
-        return total + jnp.where(view.counts & (u > 0.0).any(0), 1.0, 0.0), None
+        u = problem.geometry.shading(view.geometry, found.n, (), found.x).u
+        lit, shown = view.counts & (u > 0.0).any(0), (k_d * u).mean(0)
+        noise = jnp.sqrt(variance * sample_variance(problem, view, shown[None])[0])
+        return total + jnp.stack([lit, lit & (shown > RARE * noise)]).astype(float), None
 
-    return jax.lax.scan(add, jnp.zeros(x.shape), view_slices(problem, None))[0]
+    return jax.lax.scan(add, jnp.zeros((2, *found.x.shape)), view_slices(problem, None))[0]
 
 
 def lower_and_other(one: TexelMinima, other: TexelMinima) -> tuple[TexelMinima, TexelMinima]:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from bumpy import bumpy, degrees_between
 from small_blocks import small_blocks  # noqa: F401
 from textured import Ball, angle, facing_us, lights_about, textured_ball
 
@@ -231,6 +232,19 @@ ARC = np.stack([np.sin(AROUND), 0.4 * np.cos(AROUND), 0.9 * np.cos(AROUND)], -1)
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize(("count", "cone"), [(3, 60.0), (4, 70.0)])
+def test_a_normal_that_noise_tilts_towards_a_third_light_is_not_determined(count, cone):
+    of = bumpy("matte", count, cone)
+    maps = ds.fit_texels(of.scene, of.views, free=("k_d", "normal"))
+    off = degrees_between(maps.values["normal"], of.normal)
+    lit = (of.normal @ of.to_light.T > 0.0).sum(-1)
+    few, enough = of.mask & (lit < 3), of.mask & (lit >= 3)
+    assert few.sum() > 100
+    assert maps.determined[few].mean() < 0.02
+    assert maps.determined[enough].mean() > 0.8
+    assert np.quantile(off[enough & maps.determined], 0.95) < 3.0
+
+
 def test_coplanar_lights_determine_no_normal_and_a_note_names_the_remedy(turned, caplog):
     """The lights are within half a degree of the plane, as people set them up by hand."""
     lights = ARC + 0.005 * np.random.default_rng(3).standard_normal(ARC.shape)
