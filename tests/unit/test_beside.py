@@ -44,6 +44,17 @@ def test_a_level_is_seen_with_its_size(level):
     assert p_of_level(seen) < FALSE_ALARM
 
 
+def test_hot_pixels_are_no_level():
+    random = np.random.default_rng(5)
+    hot = np.where(random.random((32, 32, 1)) < 0.03, random.random((32, 32, 3)), 0.0) * (clean() == 0.0)
+    seen = shown(hot)
+    assert seen is not None
+    assert p_of_level(seen) > FALSE_ALARM
+    both = shown(hot + 0.003)
+    assert both is not None
+    assert p_of_level(both) < FALSE_ALARM
+
+
 def test_what_the_scene_says_of_its_background_and_of_black_is_no_level():
     lit = ds.Scene(standard_scene().objects, standard_scene().lights, background=0.02)
     for seen in (shown(0.02 * (clean() == 0.0), scene=lit), shown(0.02, black=0.02)):

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy import special
 
 from ...core.masks import Mask
-from ...core.robust_scale import robust_scale
+from ...core.robust_scale import RARE, robust_scale
 from ...core.thresholds import BLACK, CLEARLY, MINOR
 from ...io.lazy_images import LazyImage
 from ..data.recording import record
@@ -23,7 +23,8 @@ MAX_PIXELS = 512  # of a view, so that noise common to neighbours does not count
 def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
     """Return some samples beside the objects less the scene's background, if they show nothing but an even level.
 
-    Views with a mask, an alpha channel or a lazy image are not looked at. None if too little is beside the objects, or
+    Views with a mask, an alpha channel or a lazy image are not looked at, nor samples that are far off, such as hot
+    pixels. None if too little is beside the objects, or
     if it is bright or of many levels: then it shows things, of which the scene says nothing.
     """
     found, brightness = [], []
@@ -50,7 +51,9 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
     noise = (
         fit.rmse if fit.views[0].noise is None else fit.rmse * np.sqrt(float(fit.views[0].noise.variance(np.zeros(()))))
     )
-    return shown if robust_scale(shown - level) <= CLEARLY * noise else None
+    if (spread := robust_scale(shown - level)) > CLEARLY * noise:
+        return None
+    return shown[np.abs(shown - level) <= RARE * spread] if spread > 0.0 else shown
 
 
 def _far_from(inside: Mask) -> Int[np.ndarray, " n"]:
