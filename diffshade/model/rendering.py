@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from ..core.backend import PLAINLY, SOONER, UNFUSED, check_backend, in_float64, jit_quickly, with_new_arrays
-from ..core.fields import Array, check, is_concrete
+from ..core.fields import Array, check, check_kind, is_concrete
 from .bands import in_bands
 from .cameras import AbstractCamera, Projection, Rays
 from .gbuffers import GBuffer
@@ -74,8 +74,9 @@ def render(
         returned in float32; within a `jit` or `grad` of your own it is not.
 
     Raises:
-        ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light, `samples` is no
-            whole number from 1, or the image has 2^31 or more pixels.
+        ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light or names one
+            twice, `samples` is no whole number from 1, or the image has 2^31 or more pixels.
+        TypeError: The scene, the camera or the key is something else.
         RuntimeError: The installed jaxlib computes wrong sums.
     """
     return _rendered(scene, camera, lit, samples, key)
@@ -100,7 +101,11 @@ def _rendered(
     *,
     once: bool = False,
 ) -> Float[Array, "height width channels"]:
-    if lit is not None:  # first: a view of a scene of hundreds of lights needs one of them
+    check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
+    check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
+    if isinstance(key, int):
+        raise TypeError(f"key must be a key of JAX; got {key}. Give jax.random.key({key}).")
+    if lit is not None:  # before the checks: a view of a scene of hundreds of lights needs one of them
         scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
     if not isinstance(samples, int | np.integer) or samples < 1:
         raise ValueError(f"samples must be a whole number from 1; got {samples!r}. 4 gives 4 x 4 rays a pixel.")
@@ -188,6 +193,8 @@ def select(scene: Scene, lit: Sequence[int] | int | None) -> tuple[AbstractLight
                 f"lit must hold indices of the scene's {len(scene.lights)} lights, from 0; got {i}. "
                 "Count the lights, or add the missing one to the scene."
             )
+    if len(set(lit)) < len(lit):
+        raise ValueError(f"lit must name each light once; got {lit}. Name those that are on.")
     return tuple(scene.lights[i] for i in lit)
 
 

@@ -96,6 +96,14 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "unknown, constrained": (fit(constraints=[G("kd")]), "no parameter is named 'kd' | Did you mean 'k_d'?"),
     "an object's name": (fit(free="ball.k_t", scene=NAMED), "'ball.k_t' | Did you mean 'ball.material.k_t'?"),
     "tied but not free": (fit(tied=("k_s",)), "tied | 'k_s' | not free | Add it to free"),
+    "a light that is on twice": (
+        lambda: ds.View(IMAGE, CAMERA, lit=(0, 0)),
+        "View.lit | each light once | (0, 0) | Name",
+    ),
+    "a light that is rendered twice": (
+        lambda: ds.render(SCENE, CAMERA, lit=(1, 1)),
+        "lit | each light once | [1, 1] | Name",
+    ),
     "no views": (lambda: ds.fit(SCENE, (), free="k_d"), "at least one view | got none | Give a View"),
     "nothing free": (fit(free=()), "free | got none | Give for example"),
     "few pixels": (fit(masked((4, 6), (4, 7), (5, 6)), free=("k_a", "k_d", "n_s")), "fewer | 3 for 7 | add views"),
@@ -183,6 +191,8 @@ def fit_with(**options: Any) -> object:
 
 
 WRONG_TYPES = {
+    "ds.render(CAMERA, SCENE)": "scene must be a Scene | got | Give for example Scene(",
+    "ds.render(SCENE, CAMERA, samples=2, key=0)": "key must be a key of JAX | got 0 | Give jax.random.key(0)",
     "ds.View(IMAGE, CAMERA, lit=0.5)": "View.lit | indices of lights | 0.5 | Give for example (0, 2)",
     "fit_with(constraints=('k_s',))": "constraints[0] | a Grey or a Proportional | 'k_s' | Grey('k_s')",
     "fit_with(free=(3,))": "free must hold names of parameters | got 3 | 'k_d'",

@@ -185,6 +185,8 @@ class View(Checked):
             )
         if self.lit is not None and not (isinstance(self.lit, tuple) and all(type(i) is int for i in self.lit)):
             raise TypeError(f"View.lit must hold indices of lights; got {self.lit!r}. Give for example (0, 2).")
+        if self.lit is not None and len(set(self.lit)) < len(self.lit):
+            raise ValueError(f"View.lit must name each light once; got {self.lit}. Name those that were on.")
         if self.mask is not None and self.mask.dtype != bool:  # put there by eqx.tree_at
             raise TypeError(f"View.mask must be boolean; got {self.mask.dtype}. Make a new View of it.")
         if self.mask is not None and self.mask.shape != shape:
