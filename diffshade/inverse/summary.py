@@ -17,6 +17,7 @@ from ..model.scenes import Scene
 from .data.view_sets import Counts
 from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
+from .hidden_highlights import hidden_highlights, hidden_notes
 from .laid_out import LaidOut
 from .result import Fit
 from .solve.interchangeable import note_order
@@ -72,15 +73,16 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     steps = no_rounding(len(views)) if rounded is None else rounded.rounding
     solved = Solved.of(problem.with_rounding(steps), found.values, laid.squares)
     scales = _scales(solved.problem.scene, unknowns, np.diag(everything), laid.squares)
+    unclear = vague(unknowns, found.values, evidence.plain_errors(), scales)[0] | found.at_bound | ~regular
+    hidden = hidden_highlights(laid, end, unclear, evidence.sigma2)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
-    if found.at_bound.any():
-        held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
-        evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
+    may_move = vague(unknowns, found.values, np.maximum(evidence.plain_errors(), hidden.errors), scales)[0]
+    evidence = dataclasses.replace(evidence, at_bound=found.at_bound & ~may_move)
     which = _clusters_in_words(groups, problem.data.counts)
     alone = forecast or len(groups) < 2
     clusters = independent(evidence, which) if alone else compared(evidence, len(groups), which)
     plain_errors = evidence.plain_errors()
-    errors = plain_errors if forecast else clusters.wide_errors()
+    errors = np.maximum(plain_errors if forecast else clusters.wide_errors(), hidden.errors)
     lost, small = (mask & regular for mask in vague(unknowns, found.values, errors, scales))
     known = ~evidence.at_bound & regular
     weak = weak_directions(everything[np.ix_(known, known)])
@@ -93,6 +95,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *set_by_priors(_held_by_priors(laid, everything, slope), covariance, unknowns, found.values),
         *weak_notes([np.flatnonzero(known)[which] for which in weak], unknowns),
         *vague_notes(lost, small & ~found.at_bound, unknowns, found.values, errors, scales),
+        *hidden_notes(hidden, lost, unknowns),
         *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
         *_too_bright(unknowns, found.values, regular & ~lost),
         *_repeated(problem.data.counts.repeats),

@@ -247,9 +247,34 @@ def test_what_stands_at_a_bound_is_marked_and_listed():
 
 def test_a_poorly_determined_number_and_a_k_d_above_one_are_pointed_out():
     scene = standard_scene(ds.Material(0.1, (1.5, 0.6, 0.5), 0.001, 50))
-    fit = standard_fit(noisy(photographs(scene), SIGMA, 0), scene)
+    images = noisy(photographs(scene), SIGMA, 0)
+    fit = standard_fit(images, scene, bounds={"n_s": (1, 200)})
     assert any("0 within the noise" in note and "k_s" in note for note in fit.notes)
     assert any(note.startswith("k_d.r") and "above 1" in note for note in fit.notes)
+    unbounded = standard_fit(images, scene)
+    assert not unbounded.determined[[unbounded.names.index(f"k_s.{c}") for c in "rgb"]].any()
+    assert any("k_s may be of a highlight that no pixel shows: one with an n_s of 4096" in n for n in unbounded.notes)
+
+
+def test_k_s_is_not_known_to_be_small_where_the_highlight_is_masked_out():
+    """The material of the fit is matte, that of the truth glossy: all pixels that count show the same."""
+    lights = [ds.DirectionalLight((x, 0.0, -1.0), 0.9) for x in (0.0, 1.0, -1.0)]
+    camera, views = ds.Camera((0.0, 0.0, 5.0), fov=30, shape=(32, 32)), []
+    true = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.05, (0.7, 0.3, 0.2), 0.4, 100)), lights)
+    seen = ds.intersect(true, camera)
+    to_eye = np.array([0.0, 0.0, 5.0]) - np.asarray(seen.position)
+    to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
+    for i, light in enumerate(lights):
+        half = to_eye - light.direction / np.linalg.norm(light.direction)
+        cosine = (np.asarray(seen.normal) * half).sum(-1) / np.linalg.norm(half, axis=-1)
+        image = np.asarray(ds.render(true, camera, lit=i)) + np.random.default_rng(i).normal(0, 0.005, (32, 32, 3))
+        mask = np.asarray(seen.mask) & (cosine < np.cos(np.deg2rad(15.0)))
+        views.append(ds.View(image, camera, mask=mask, lit=i))
+    fit = ds.fit(forget(true), views, free=("k_a", "k_d", "k_s", "n_s"))
+    known = dict(zip(fit.names, fit.determined, strict=True))
+    assert known["k_d.r"]
+    assert not any(known[f"k_s.{c}"] for c in "rgb")
+    assert any("may be of a highlight that no pixel shows" in note for note in fit.notes)
 
 
 # --- what a fit gives

@@ -42,7 +42,7 @@ LAYERS = (
     "inverse.forward",
     "inverse.solve",
     "inverse.statistics",
-    "inverse.problem inverse.laid_out inverse.solved inverse.spreads",
+    "inverse.problem inverse.laid_out inverse.solved inverse.spreads inverse.hidden_highlights",
     "inverse.solving",
     "inverse.result inverse.summary",
     "inverse.misfit",

@@ -179,11 +179,19 @@ def best_linear(point: Point, box: BoxConstraints) -> tuple[Array, Array]:
 _best_linear = jit_quickly(best_linear)
 
 
-def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
-    """Solve for the linear unknowns at theta; return the cost, infinite where it is not finite, and the point."""
+def at_best_linear(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[Point, float, Theta]:
+    """Solve for the linear unknowns at theta; return the pass there, the cost and the unknowns at the minimum.
+
+    A cost that is not finite is infinite.
+    """
     point = evaluate(theta, task, chunks)
     found, cost = (point.theta, point.total.cost) if task.model.projects else _best_linear(point, task.box)
-    return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
+    return point, float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
+
+
+def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
+    """Return the cost at the best linear unknowns, and the unknowns there."""
+    return at_best_linear(theta, task, chunks)[1:]
 
 
 def steepest(unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"] | None:

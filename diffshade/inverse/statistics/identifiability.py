@@ -153,7 +153,9 @@ def vague_notes(
         members = np.array([u.quantity == quantity for u in unknowns]) & lost
         worst = int(np.argmax(np.where(members, relative, -1.0)))
         names = some_channels(members, unknowns)
-        if unknowns[worst].logarithmic:
+        if np.isinf(errors[worst]):
+            size = "without limit"
+        elif unknowns[worst].logarithmic:
             size = f"a factor of {np.exp(min(relative[worst], 99.0)):.2g}"
         elif values[worst]:
             size = f"{relative[worst]:.0%} of the value"
