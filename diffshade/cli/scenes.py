@@ -67,7 +67,13 @@ def new(scene: Path, material: str | None, force: bool) -> None:
 @click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
 @click.option("--size", type=SIZE, metavar="WxH", help="In pixels  [default: the camera's shape]")
 @click.option("--lit", type=NAMES, metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
-@click.option("--samples", type=click.IntRange(1), default=4, metavar="N", help="N x N rays a pixel  [default: 4]")
+@click.option(
+    "--samples",
+    type=click.IntRange(1),
+    default=4,
+    metavar="N",
+    help="N x N rays a pixel; 1 for pictures to be fitted  [default: 4]",
+)
 @click.option("--exposure", type=EXPOSURE, default=1.0, metavar="X|auto", help=EXPOSED)
 @click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
 @click.option("--bits", type=int, help="Bits per sample  [default: 8 in .png, 32 in .exr]")

@@ -151,7 +151,8 @@ def _notes_on_maps(maps: TexelMaps, surface: MapSurface) -> list[str]:
     if (above := float(np.mean((k_d > 1.0).any(-1)))) > 0.0:
         notes.append(
             f"k_d is above 1 at {above:.2g} of the texels, and is written as 1 there, the most that pictures hold; its "
-            f"largest is {k_d.max():.3g}. With brighten=True (--brighten) it is at most 1 at nearly all."
+            f"largest is {k_d.max():.3g}."
+            + (" With brighten=True (--brighten) it is at most 1 at nearly all." if surface.brightness == 1.0 else "")
         )
     return notes
 

@@ -154,6 +154,22 @@ def test_an_encoding_is_found_and_nothing_else(clean, only, curve, said, sigma):
     assert said in found.sentence
 
 
+@pytest.mark.parametrize(("gamma", "far"), [(1.3, 1.0), (1.0, 1.25)], ids=["gamma", "distance"])
+def test_a_gamma_is_not_taken_for_lamps_at_another_distance(gamma, far):
+    camera, places = ds.Camera((0, 0, 5), fov=30, shape=(48, 48)), [(2, 3, 4), (-3, 1, 4), (0, -3, 4), (3, -1, 3)]
+    material = ds.Material(0.05, (0.7, 0.3, 0.2), 0.4, 30)
+    told, true = (
+        ds.Scene(ds.Object(ds.Sphere(), material), [ds.PointLight(np.multiply(times, p), 0.8) for p in places])
+        for times in (1.0, far)
+    )
+    random, views = np.random.default_rng(0), []
+    for i in range(4):
+        image = np.asarray(ds.render(true, camera, lit=i), float) ** (1.0 / gamma)
+        views.append(ds.View(image + random.normal(0.0, 0.004, image.shape), camera, lit=i))
+    (cause, *_) = [n for n in ds.fit(told, views, free=("k_a", "k_d", "k_s", "n_s")).notes if "not noise" in n]
+    assert ("(gamma)" in cause, "times as far away" in cause) == (gamma > 1.0, far > 1.0)
+
+
 def test_an_encoding_is_found_by_a_robust_loss(clean):
     images = [ds.srgb_encode(image) for image in noisy(clean, 0.005, 1)]
     assert [s.kind for s in suspicions(fitted(images, loss="cauchy"))] == ["encoding"]

@@ -39,8 +39,8 @@ class Mended:
 def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Mended | None:
     """Return what a gamma stands for, if a refit believes it. Runs in float64.
 
-    It is the other encoding of the images, or another fault if that explains clearly more, and more than half of what a
-    gamma does, in most views.
+    It is the other encoding of the images, if that explains more than half of what a gamma does, or another fault if
+    that explains clearly more than the encoding, and more than a gamma; in most views.
 
     Args:
         fit: The fit.
@@ -81,9 +81,10 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Men
         for what, remedy in [found.words]
     ]
     curve, *other = (min(of, key=_cost) for of in (curves, scenes) if of)
-    best = other[0] if other and CLEARLY * _cost(other[0]) < _cost(curve) else curve
+    is_other = bool(other) and CLEARLY * _cost(other[0]) < _cost(curve)
+    best, least = (other[0], by_gamma) if is_other else (curve, MOST * by_gamma)
     share, agreed = 1.0 - _cost(best) / before[:, 0].sum(), np.mean((best[0] < before)[before[:, 0] > 0, 0])
-    return best[1] if agreed >= MIN_AGREEMENT and share > MOST * by_gamma else None
+    return best[1] if agreed >= MIN_AGREEMENT and share > least else None
 
 
 def _cost(tried: tuple[np.ndarray, Mended]) -> float:

@@ -150,7 +150,8 @@ def _notes_on(found: Exposures, said: Float[np.ndarray, "views 3"]) -> tuple[Not
     """Return in words what was found, and which lights are far from where the scene says."""
     text = (
         "photographs are brighter or darker than their exposures say, or of another colour: "
-        f"{_named(found.factor)}, within {np.median(found.error):.1%}. This was found from the object and undone; "
+        f"{_named(found.factor)}, within {np.median(found.error):.1%}, if the median one is as bright as stated, "
+        "which none tells from k_d. This was found from the object and undone; "
         "match_exposures=False, or --no-exposure, takes them as they are said to be."
     )
     moved = note_on_directions(found.directions, said, np.ones(len(said), bool))
