@@ -223,8 +223,8 @@ FAULTS = (
     Fault(
         "ellipsoid",
         "the sphere is longer in one direction than in another, by about {f.size:.2%}, or its radius is another",
-        "Measure its radius again, or free 'surface.radius' and give each View a mask; if it is not round, give its shape "
-        "as a mesh or a GBuffer.",
+        "Measure its radius again, or free 'surface.radius' and give each View a mask; if it is not round, give its "
+        "shape as a mesh or a GBuffer.",
         other_scenes.of_ellipsoid,
         size=lambda which, amount: float(np.ptp(np.linalg.eigvalsh(other_scenes.stretch(amount)))),
         plausible=(0.0, 0.2),

@@ -15,15 +15,17 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core.thresholds import MINOR, SMALL
+from ...core.fields import Array
+from ...core.thresholds import MINOR, SMALL, TINY
 from ..blocks import TexelBlock
 from ..map_arrays import MapArrays
 from ..maps import ANGLE_68
 from ..status import MAX_NORMAL_ERROR, OUTSIDE, SHADOWED, UNDETERMINED, status_of
 from ..tiles import LEARNING_SAMPLE, TexelTile
-from .block_fits import Turned, turned
+from .block_fits import Turned, lowest_state, turned
 from .calibration import Division, Spreads, calibrated, division_of
 from .learning import ObjectModel
+from .observations import observe
 from .texel_work import Shared, TexelWork
 
 CALIBRATION_SAMPLE = LEARNING_SAMPLE // 2  # texels that are fitted to parts of the lights
@@ -77,16 +79,16 @@ def state_errors(
     }
     held["k_s"] = held["k_s"]._replace(errors=max(held["k_s"].errors, 1.0))  # most texels show little of theirs
     region = work.region_of(sample.pixels)
-    exponents = np.array(
+    by_shape = np.array(
         [
-            _exponent_error(work, sample.part(np.flatnonzero(region == r)), m, division)
+            _errors_by_shape(work, sample.part(np.flatnonzero(region == r)), m, division)
             for r, m in enumerate(shared.refined)
         ]
     )
     for t in work.tiles.own:
         rows = slice(*work.tiles.rows_of(t))
         here = SpreadColumns(*np.moveaxis(spread[rows], -1, 0))
-        _write_errors(work, arrays.arrays, here, typical, held, exponents, rows)
+        _write_errors(work, arrays.arrays, here, typical, held, by_shape, rows)
     return {name: one.times_95 for name, one in held.items()}
 
 
@@ -96,7 +98,7 @@ def _write_errors(
     here: SpreadColumns,
     typical: float,
     held: dict[str, Spreads],
-    exponents: Float[np.ndarray, " regions"],
+    by_shape: Float[np.ndarray, "regions 2"],
     rows: slice,
 ) -> None:
     """Write the errors of some rows, and what they show not to be known into the status."""
@@ -107,14 +109,16 @@ def _write_errors(
         of_groups = here.of_normal(typical) * held["normal"].errors
         normal = np.rad2deg(np.hypot(np.maximum(of_groups, here.by_lights * ANGLE_68), here.by_choice))
         errors = {"normal": np.where(normal <= 90.0, normal, np.inf)[..., None]}
+        pixels = np.arange(rows.start * status.shape[1], rows.stop * status.shape[1])
+        of_n_s, of_k_d = by_shape[work.region_of(pixels)].T.reshape(2, *status.shape)
         for name, own in (("k_d", here.k_d), ("k_s", here.k_s)):
             value = values[name][rows]
             grey = value.mean(-1, keepdims=True)
             share = np.where(grey > 0.0, value / np.where(grey > 0.0, grey, 1.0), 1.0)  # errs as it reflects
             errors[name] = own[..., None] * held[name].errors * np.maximum(share, MINOR)
-    pixels = np.arange(rows.start * status.shape[1], rows.stop * status.shape[1])
-    exponent = exponents[work.region_of(pixels)].reshape(status.shape)
-    relative = np.where(np.isinf(here.misfit), np.inf, exponent)
+        # what the shape takes of the light is white like k_s, whatever the colour of k_d
+        errors["k_d"] = np.hypot(errors["k_d"], (of_k_d * values["k_d"][rows].mean(-1))[..., None])
+    relative = np.where(np.isinf(here.misfit), np.inf, of_n_s)
     errors["n_s"] = (np.where(inside, relative, 0.0) * np.maximum(values["n_s"][rows, :, 0], 1.0))[..., None]
     for name, error in errors.items():
         values[f"{name}_error"][rows] = np.where(inside[..., None], np.where(np.isnan(error), np.inf, error), 0.0)
@@ -124,17 +128,28 @@ def _write_errors(
     status[inside] = found[inside]
 
 
-def _exponent_error(work: TexelWork, sample: TexelTile, model: ObjectModel, division: Division) -> float:
-    """Return the relative error of n_s: by how much it changes when parts of the views alone are learned from.
+def _errors_by_shape(work: TexelWork, sample: TexelTile, model: ObjectModel, division: Division) -> tuple[float, float]:
+    """Return the relative errors of n_s, and of k_d by the shape: how far both change as parts of the views teach it.
 
-    The powers of the shape are a factor of 2 apart, so that no n_s is known better than to a part of that.
+    The powers of the shape are a factor of 2 apart, so that no n_s is known better than to a part of that. What the
+    shape takes from k_d is alike for all texels.
     """
     if not model.assumed.glossy or np.isinf(float(model.brightest)) or not len(sample.pixels):
-        return np.inf
-    changes = []
+        return np.inf, 0.0
+
+    def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Array:
+        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        return lowest_state(observed, model).k_d * observed.level
+
+    k_d, changes = work.each(sample, program, [model]), []
     for part in division.parts[: division.first]:
         of_part = eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & part[:, None])
         other = work.refined(model, of_part, rounds=2)
-        changes.append(abs(np.log(other.shape.exponent / model.shape.exponent)))
-    typical = max(changes) if division.first == 2 else np.sqrt(np.mean(np.square(changes)))
-    return float(np.hypot(np.expm1(np.sqrt(division.first - 1.0) * typical), SMALL))
+        of_k_d = work.each(sample, program, [other]) / np.maximum(k_d, TINY) - 1.0
+        changes.append((np.log(other.shape.exponent / model.shape.exponent), np.median(of_k_d)))
+    sizes = np.abs(changes)
+    typical = sizes.max(0) if division.first == 2 else np.sqrt(np.square(sizes).mean(0))
+    of_n_s, of_k_d = np.sqrt(division.first - 1.0) * typical
+    n_s, more = np.hypot(np.expm1(of_n_s), SMALL), np.array(changes)
+    with_n_s = abs(more[:, 0] @ more[:, 1]) / max(more[:, 0] @ more[:, 0], TINY)  # k_d goes with n_s
+    return float(n_s), float(max(of_k_d, with_n_s * n_s))
