@@ -198,7 +198,7 @@ def _matte(
     pairs = (light[..., :, None] * light[..., None, :]).reshape(*light.shape[:2], 9)
     level = np.sqrt(np.square(seen).mean(0))
     plain = inside / (np.square(level) + (SMALL * np.median(level)) ** 2)
-    rounding = SINGLE * plain.mean(0)[:, None, None] * np.eye(3)
+    rounding = (SINGLE * plain.mean(0) + TINY)[:, None, None] * np.eye(3)  # some texels may be in no photograph
     weight, unit = plain * (seen > bright * level), 1.0
 
     def minimum(weight: Float[np.ndarray, "views texels"], unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
