@@ -34,7 +34,7 @@ from .light_directions import note_on_normals
 from .lighting import LightErrors
 from .lights.exposures import Taught, found_exposures
 from .lights.level import darker, found_level
-from .lights.shifts import undone_shifts
+from .lights.shifts import believed_shifts
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
@@ -141,7 +141,8 @@ def fit_texels(
             off if the texels then agree better with their model.
         align: Whether photographs that are shifted in the picture, as by a hand, are moved back, where all texels share
             a highlight and each photograph has a light of its own. It is done where eight photographs or more show it,
-            by half a pixel and three errors; a note says so. Masks stay where they are.
+            by half a pixel and three errors, and where photographs that are left out are then predicted better; a note
+            says so. Masks stay where they are.
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`, with the scene and
             the camera, so that `read_maps` reads them back. The same call resumes from it, whenever it was stopped. By
             default the maps stay in memory.
@@ -215,18 +216,18 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     few = len(views) < GROUPS and light_error is None
     if set(free) != SHARED or loss == "squares" or unsuited or few:
         return each.maps(lights, notes)
-    sample, shifts = tiles.reader.sample(LEARNING_SAMPLE), None
+    sample = tiles.reader.sample(LEARNING_SAMPLE)
     check_anything_left(np.ones(len(sample.pixels)))
-    if other is None and align:
-        views, shifts, on_shifts = undone_shifts(scene, views, sample)
-        notes = (*notes, *on_shifts)
-    if shifts is not None:
-        tiles.reader = ViewReader(scene, views)
-        sample, each = tiles.reader.sample(LEARNING_SAMPLE), TexelRun(scene, views, free, "squares", regions, tiles)
     run = RobustRun(
         each.setup, each.known, loss or "cauchy", regions, tiles, neighbours=neighbours, light_error=light_error
     )
-    taught, exposures, level, on_lights = Taught(run, run.learn(sample), sample), None, 0.0, ()
+    taught, shifts, exposures, level, on_lights = Taught(run, run.learn(sample), sample), None, None, 0.0, ()
+    if other is None and align:
+        views, shifts, taught, on_shifts = believed_shifts(scene, views, taught)
+        notes = (*notes, *on_shifts)
+    if shifts is not None:
+        tiles.reader = ViewReader(scene, views)
+        each = TexelRun(scene, views, free, "squares", regions, tiles)
     if other is None and match_exposures:
         level, taught, on_level = found_level(scene, views, taught)
         if level > 0.0:

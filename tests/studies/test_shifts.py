@@ -7,6 +7,7 @@ import pytest
 import scipy.ndimage
 from bumpy import MATERIALS, bumpy, degrees_between, under
 from measured import measured
+from plates import metal_plate
 from test_exposures import disturbed
 from test_few_photographs import FREE, MIDDLE, RADIUS
 
@@ -106,3 +107,14 @@ def test_normals_of_shifted_photographs_are_those_of_right_ones(name, count):
     assert "shifted" in moved.notes[0]
     before, after = (degrees_between(maps.values["normal"], normal)[mask].mean() for maps in (still, moved))
     assert after < before + SLACK
+
+
+@pytest.mark.thorough
+def test_highlights_that_cover_a_plate_are_neither_shifts_nor_turned_lights():
+    """The search for shifts is deceived by them; what left-out photographs show is not."""
+    of = metal_plate(24)
+    assert found_in(of.scene, of.views) is not None
+    maps = ds.fit_texels(of.scene, of.views, free=FREE)
+    assert maps.shifts is None
+    assert not [note for note in maps.notes if "shifted" in note or "said to be" in note]
+    assert degrees_between(maps.values["normal"], of.normal)[maps.determined].mean() < 0.5

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bumpy import bumpy
+from plates import COLOURS, coloured_plate
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
@@ -106,3 +107,13 @@ def test_few_photographs_say_that_their_exposures_differ_and_a_dark_one_says_not
     assert exposures is None
     assert "views[5] 1." in notes[0]
     assert fitted(0.0) == (None, [])
+
+
+@pytest.mark.thorough
+def test_white_highlights_that_cover_a_coloured_plate_are_no_colour_of_a_photograph():
+    of = coloured_plate(12)
+    maps = ds.fit_texels(of.scene, of.views, free=("k_d", "k_s", "n_s", "normal"))
+    assert maps.exposures is None
+    row, column = np.mgrid[: of.mask.shape[0], : of.mask.shape[1]]
+    k_d = COLOURS[(row // 15 + column // 15) % 2]
+    assert np.median(np.abs(maps.values["k_d"] / k_d - 1.0)[maps.determined]) < 0.02

@@ -13,9 +13,10 @@ def test_a_light_is_where_most_texels_say():
     shown[:80] = 0.0  # in shadow
     toward = np.broadcast_to(said[:, None, None], (3, 1, 400))
     counts = (true @ facing > 0.1)[None]
-    found = _seen_in(MatteTexels(facing, shown[None], counts, toward), 0)
+    texels = MatteTexels(facing, shown[None], counts, toward, shown[None], 0.0 * shown[None])
+    found = _seen_in(texels, 0)
     np.testing.assert_allclose(found, true / np.linalg.norm(true), atol=1e-3)
-    np.testing.assert_allclose(_seen_in(MatteTexels(facing, shown[None], counts & False, toward), 0), said)
+    np.testing.assert_allclose(_seen_in(texels._replace(counts=counts & False), 0), said)
 
 
 def test_two_photographs_that_show_each_others_light_are_swapped():

@@ -1,9 +1,9 @@
 r"""Exposures: how much more each photograph shows than it is said to, channel by channel, from all texels of an object.
 
-What a texel shows of each channel, relative to its mean over the channels, is the same in all photographs, so that a
-photograph's own colour is the median of what its texels differ by. Its brightness follows with all texels eliminated
-(`joint`), and with the directions of the lights, which are known to a degree or so, left to move as far. The median
-photograph is as bright as it is said to be, for k_d takes back what all have in common.
+What a texel shows of each channel beside its highlight, relative to its mean over the channels, is the same in all
+photographs, so that a photograph's own colour is the median of what its texels differ by. Its brightness follows with
+all texels eliminated (`joint`), and with the directions of the lights, which are known to a degree or so, left to move
+as far. The median photograph is as bright as it is said to be, for k_d takes back what all have in common.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..lighting import Exposures, LightErrors, LightingSetup, lighting_setup
 from ..prediction import KnownCoefficients
+from ..robust.block_fits import lowest_state
 from ..robust.calibration import GROUPS
 from ..robust.choice import clearly_better, errors_of_shared, fewer
 from ..robust.learning import MIN_SAMPLES, ObjectModel
-from ..robust.observations import reflectances
+from ..robust.observations import BlockObservations, observe, reflectances
+from ..robust.robust_descent import DescentState
 from ..robust.run import RobustRun
 from ..robust.turned_lights import note_on_directions
 from ..tiles import TexelTile
@@ -206,23 +208,34 @@ def _first_step(taught: Taught) -> Float[np.ndarray, " views"]:
 def _colours(taught: Taught) -> Float[np.ndarray, "views channels"] | None:
     """Return how much more each photograph shows of each channel than of their mean, 1 in the median.
 
-    None where a photograph lights too few texels.
+    None where a photograph lights too few texels. A highlight has a colour of its own: only what is matte tells, and a
+    photograph that shows too little of it has the colour that it is said to have.
     """
     run, models, sample = taught
 
-    def program(block: TexelBlock, _: ObjectModel, __: np.ndarray | None) -> Array:
-        return _reflected(run.setup, run.known, block)
+    def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> tuple[Array, Array]:
+        observed = observe(run.setup, run.known, block, model.assumed.dark_is_shadow)
+        highlight = _highlight(observed, model, lowest_state(observed, model))
+        return _reflected(run.setup, run.known, block), highlight
 
-    shown = np.asarray(run.each(sample, program, models))
+    shown, highlight = map(np.asarray, run.each(sample, program, models))
     grey = shown.mean(1)
     lit = sample.counts & (grey > HARDLY_LIT * grey.max(0)) & (shown > 0.0).all(1)
     if (lit.sum(1) < MIN_SAMPLES).any():
         return None
-    known = np.broadcast_to(lit[:, None], shown.shape)
+    lit &= highlight < MINOR * shown.min(1)  # it then changes no channel by what makes a photograph coloured
+    told = lit.sum(1) >= MIN_SAMPLES
+    known = np.broadcast_to((lit & told[:, None])[:, None], shown.shape)
     colour = np.ma.masked_array(np.log(np.where(known, shown / np.where(lit, grey, 1.0)[:, None], 1.0)), ~known)
     off = np.ma.median(colour - np.ma.median(colour, 0), -1).filled(0.0)
-    off = off - np.median(off, 0)
+    off = np.where(told[:, None], off - np.median(off[told], 0), 0.0) if told.any() else off
     return np.exp(off - off.mean(1, keepdims=True))
+
+
+@jax.jit
+def _highlight(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Float[Array, "views texels"]:
+    """Return how much of what texels reflect is their highlight."""
+    return observed.level[None] * state.k_s[None] * observed.lights.shading(model.shape, state.n)[1]
 
 
 @jax.jit

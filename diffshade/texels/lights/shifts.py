@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from ...core.thresholds import FEW, TINY
+from ...core.thresholds import FEW, MINOR, TINY
 from ...core.words import MAX_NAMED, Note
 from ...inverse.data.samples import SensorRange, kept, top_of_view
 from ...inverse.data.views import View, colours
@@ -18,11 +18,36 @@ from ...io.lazy_images import LazyImage
 from ...model.rendering import silhouette
 from ...model.scenes import Scene
 from ...parallel.threads import ONE_BLAS_THREAD
-from ..lighting import Shifts
+from ..lighting import Shifts, lighting_setup
+from ..robust.choice import mean_error
 from ..robust.learning import MIN_SAMPLES
-from ..tiles import SQUARE, TexelTile
+from ..tiles import LEARNING_SAMPLE, SQUARE, TexelTile, ViewReader
+from .exposures import Taught
 from .placing import directions_to, one_light_each
 from .shift_search import found_shifts, pictures_of
+
+
+def believed_shifts(
+    scene: Scene, views: Sequence[View], first: Taught
+) -> tuple[Sequence[View], Shifts | None, Taught, tuple[Note, ...]]:
+    """Return the views with their shifts undone, the shifts, what the views then teach, and notes.
+
+    The search takes texels to be matte, and highlights that cover a flat object imitate shifts. So shifts are believed
+    only if photographs that are moved back are predicted better by the others, when they are left out, than they were
+    where they are; else all is returned as it was.
+
+    Args:
+        scene: One object and its lights.
+        views: The photographs.
+        first: What they teach as they are.
+    """
+    moved, shifts, notes = undone_shifts(scene, views, first.sample)
+    if shifts is None:
+        return views, None, first, ()
+    run, sample = first.run.under(lighting_setup(scene, moved)), ViewReader(scene, moved).sample(LEARNING_SAMPLE)
+    taught = Taught(run, run.learn(sample), sample)
+    before, after = (mean_error(of.errors[shifts.undone]) for of in (first, taught))
+    return (moved, shifts, taught, notes) if before - after > MINOR else (views, None, first, ())
 
 
 def undone_shifts(

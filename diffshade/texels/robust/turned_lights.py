@@ -2,6 +2,7 @@ r"""Turned lights: photographs whose light is not where it is said to be, or tha
 
 Where a texel shows no highlight it has y = k_d n.l. Its k_d and n are known from the other photographs too, so that one
 photograph's texels say where its light is, by least squares under a robust loss (Woodham 1980, with the light unknown).
+A photograph that shows highlights for the most part says nothing.
 """
 
 from __future__ import annotations
@@ -39,16 +40,20 @@ class MatteTexels(NamedTuple):
     counts: Bool[Array, "views texels"]
     toward: Float[Array, "3 views texels"]
     """Each view's light, as it is said to be."""
+    matte: Float[Array, "views texels"]
+    """What the model shows of each observation without its highlight."""
+    highlight: Float[Array, "views texels"]
 
 
 @jax.jit
 def _matte(observed: BlockObservations, model: ObjectModel, state: DescentState) -> MatteTexels:
     lights, n, k_d = observed.lights, state.n, state.k_d
     D, S = lights.shading(model.shape, n)
-    highlight = state.k_s[None] * S
-    counts = observed.counts & (observed.y > SMALL) & (highlight < SMALL * k_d[None] * D + TINY)
+    matte, highlight = (jnp.where(observed.counts, part, 0.0) for part in (k_d[None] * D, state.k_s[None] * S))
+    counts = observed.counts & (observed.y > SMALL) & (highlight < SMALL * matte + TINY)
     mean = [jnp.broadcast_to(jnp.sum(lights.strength * c, 1), D.shape) for c in (lights.l.x, lights.l.y, lights.l.z)]
-    return MatteTexels(k_d[None] * jnp.stack([n.x, n.y, n.z]), observed.y - highlight, counts, jnp.stack(mean))
+    facing = k_d[None] * jnp.stack([n.x, n.y, n.z])
+    return MatteTexels(facing, observed.y - highlight, counts, jnp.stack(mean), matte, highlight)
 
 
 def note_on_turned_lights(work: TexelWork, models: Sequence[ObjectModel], sample: TexelTile) -> tuple[Note, ...]:
@@ -65,7 +70,7 @@ def note_on_turned_lights(work: TexelWork, models: Sequence[ObjectModel], sample
         return _matte(observed, model, lowest_state(observed, model))
 
     texels, said = work.each(sample, program, models), work.toward(sample)
-    lit = np.linalg.norm(said, axis=-1) > 0.0
+    lit = (np.linalg.norm(said, axis=-1) > 0.0) & (texels.highlight.sum(1) < texels.matte.sum(1))
     found = np.stack([_seen_in(texels, v) if lit[v] else said[v] for v in range(len(said))])
     return note_on_directions(found, said, lit)
 
