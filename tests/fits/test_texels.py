@@ -235,14 +235,15 @@ ARC = np.stack([np.sin(AROUND), 0.4 * np.cos(AROUND), 0.9 * np.cos(AROUND)], -1)
 @pytest.mark.parametrize(("count", "cone"), [(3, 60.0), (4, 70.0)])
 def test_a_normal_that_noise_tilts_towards_a_third_light_is_not_determined(count, cone):
     of = bumpy("matte", count, cone)
-    maps = ds.fit_texels(of.scene, of.views, free=("k_d", "normal"))
+    scene = eqx.tree_at(lambda s: s.objects[0].material, of.scene, ds.Material(0.0, 0.5, 0.0))
+    maps = ds.fit_texels(scene, of.views, free=("k_d", "normal"))
     off = degrees_between(maps.values["normal"], of.normal)
     lit = (of.normal @ of.to_light.T > 0.0).sum(-1)
     few, enough = of.mask & (lit < 3), of.mask & (lit >= 3)
     assert few.sum() > 100
     assert maps.determined[few].mean() < 0.02
     assert maps.determined[enough].mean() > 0.8
-    assert np.quantile(off[enough & maps.determined], 0.95) < 3.0
+    assert np.quantile(off[enough & maps.determined], 0.95) < 1.0
 
 
 def test_coplanar_lights_determine_no_normal_and_a_note_names_the_remedy(turned, caplog):
