@@ -73,10 +73,11 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     steps = no_rounding(len(views)) if rounded is None else rounded.rounding
     solved = Solved.of(problem.with_rounding(steps), found.values, laid.squares)
     scales = _scales(solved.problem.scene, unknowns, np.diag(everything), laid.squares)
-    unclear = vague(unknowns, found.values, evidence.plain_errors(), scales)[0] | found.at_bound | ~regular
+    plain_errors = evidence.plain_errors()
+    unclear = vague(unknowns, found.values, plain_errors, scales)[0] | found.at_bound | ~regular
     hidden = hidden_highlights(laid, end, unclear, evidence.sigma2)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
-    may_move = vague(unknowns, found.values, np.maximum(evidence.plain_errors(), hidden.errors), scales)[0]
+    may_move = vague(unknowns, found.values, np.maximum(plain_errors, hidden.errors), scales)[0]
     evidence = dataclasses.replace(evidence, at_bound=found.at_bound & ~may_move)
     which = _clusters_in_words(groups, problem.data.counts)
     alone = forecast or len(groups) < 2
@@ -88,7 +89,6 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     weak = weak_directions(everything[np.ix_(known, known)])
     covariance = _covariance(evidence, known)
     rmse = float(np.sqrt(spread[1] / spread[0]))
-    in_noise = problem.data.noise_known and likelihood.loss == "squares"
     notes = [
         *_not_converged(end),
         *singular_notes(zero, directions, unknowns, found.values),
@@ -101,7 +101,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *_repeated(problem.data.counts.repeats),
         *_clipped(problem.data.counts),
         *_beyond_memory(problem.data.counts),
-        *(_beyond_noise(rmse) if in_noise else []),
+        *(_beyond_noise(rmse) if problem.data.noise_known and likelihood.loss == "squares" else []),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]

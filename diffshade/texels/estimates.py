@@ -139,10 +139,8 @@ def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, t
     freedom = candidates.chosen(full.freedom, plain.freedom)
     variance, level = candidates.chosen(full.residual_variance, plain.residual_variance), full.level
     misfit = ~typical.accounts_for(variance, level, freedom)
-    if full.problem.fit_normal:
-        shadowed = (freedom <= 0) | (candidates.chosen(full.clear, plain.clear) < MIN_LIT_WITH_NORMAL)
-    else:
-        shadowed = (freedom <= 0) | (candidates.chosen(full.lit, plain.lit) < 1)
+    lit, clear = candidates.chosen(full.lit, plain.lit), candidates.chosen(full.clear, plain.clear)
+    shadowed = (freedom <= 0) | (clear < MIN_LIT_WITH_NORMAL if full.problem.fit_normal else lit < 1)
     finite = all_finite(values)
     converged = candidates.chosen(full.descent.converged, plain.descent.converged)
     vague = candidates.significant & ~highlight

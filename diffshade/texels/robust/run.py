@@ -79,7 +79,7 @@ class RobustRun(TexelWork):
         self.light_error = light_error or LightErrors.within(np.full(len(tiles.reader.views), DEGREE))
 
     def under(self, setup: LightingSetup, light_error: LightErrors | None = None) -> RobustRun:
-        """Return what works on the same texels, for photographs that are described otherwise."""
+        """Return what works on the same texels, for photographs, and errors of lights, that are described otherwise."""
         return RobustRun(
             setup,
             self.known,

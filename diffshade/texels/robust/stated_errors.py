@@ -141,15 +141,16 @@ def _errors_by_shape(work: TexelWork, sample: TexelTile, model: ObjectModel, div
         observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
         return lowest_state(observed, model).k_d * observed.level
 
-    k_d, changes = work.each(sample, program, [model]), []
+    k_d, each = work.each(sample, program, [model]), []
     for part in division.parts[: division.first]:
         of_part = eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & part[:, None])
         other = work.refined(model, of_part, rounds=2)
         of_k_d = work.each(sample, program, [other]) / np.maximum(k_d, TINY) - 1.0
-        changes.append((np.log(other.shape.exponent / model.shape.exponent), np.median(of_k_d)))
+        each.append((np.log(other.shape.exponent / model.shape.exponent), np.median(of_k_d)))
+    changes = np.array(each)
     sizes = np.abs(changes)
     typical = sizes.max(0) if division.first == 2 else np.sqrt(np.square(sizes).mean(0))
     of_n_s, of_k_d = np.sqrt(division.first - 1.0) * typical
-    n_s, more = np.hypot(np.expm1(of_n_s), SMALL), np.array(changes)
-    with_n_s = abs(more[:, 0] @ more[:, 1]) / max(more[:, 0] @ more[:, 0], TINY)  # k_d goes with n_s
-    return float(n_s), float(max(of_k_d, with_n_s * n_s))
+    n_s = np.hypot(np.expm1(of_n_s), SMALL)
+    k_d_by_n_s = abs(changes[:, 0] @ changes[:, 1]) / max(changes[:, 0] @ changes[:, 0], TINY)  # least squares
+    return float(n_s), float(max(of_k_d, k_d_by_n_s * n_s))
