@@ -72,8 +72,8 @@ def fit(
     is tried at places all around.
 
     A fit checks itself. If its residuals are not noise, a note names what explains them, such as a light that is off, a
-    gamma or a black level, and the errors contain what it may have moved; a value lost in that is not determined. Where
-    they name no cause, and the views disagree or samples are clipped, it is repeated without the saturated pixels and
+    gamma or dust, and the errors contain what it may have moved; a value lost in that is not determined. Where they
+    name no cause, and the views disagree or samples are clipped, it is repeated without the saturated pixels and
     without the brightest half of the highlight. The errors then contain how far a number moves, if these samples
     contradict its old value; one that moves by 30 % is not determined. If views without a mask show a dark background
     inside the scene's silhouette, nothing is determined. A prior is reported if it is four standard deviations from the

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from ...core.progress import ReportProgress
-from ...core.thresholds import ROUNDING
+from ...core.robust_scale import RARE
+from ...core.thresholds import MOST, NEGLIGIBLE, ROUNDING
 from ...core.words import MAX_NAMED, Note, listing
 from ..data.samples import MIN_PILE
 from ..misfit.beside import beside, p_of_level
@@ -20,6 +21,7 @@ from ..misfit.found import Found
 from ..misfit.noise_tests import FALSE_ALARM, Whiteness
 from ..result import Fit
 from ..statistics.identifiability import some_channels, vague
+from .outliers import WithoutOutliers, without_outliers
 
 
 def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Whiteness) -> Fit:
@@ -49,23 +51,48 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
         return fit
     gamma = next((f.share for f in seen.found if f.fault.kind == "gamma" or f.fault.mended is not None), None)
     better = None if gamma is None else better_than_gamma(fit, gamma, seen.like_gamma)
-    correlated = 1.0 if seen.found else np.sqrt(residuals.correlation)
-    errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
-    if better is not None and better.values is not None:
-        errors = np.maximum(errors, np.abs(better.values - fit.values))
+    apart = None if is_noise else _outliers(fit, seen, report_progress)
+    if apart is not None and apart.is_noise:
+        errors = np.hypot(np.maximum(fit.errors, seen.of_noise), apart.moves)
+    else:
+        correlated = 1.0 if seen.found else np.sqrt(residuals.correlation)
+        errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
+        if better is not None and better.values is not None:
+            errors = np.maximum(errors, np.abs(better.values - fit.values))
+        if apart is not None:  # what is left out may be no outliers where the rest is no noise either
+            far = fit.determined & (np.abs(apart.moves) > RARE * errors)
+            apart, errors = (apart, np.hypot(errors, apart.moves)) if far.any() else (None, errors)
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
-    found = _notes(fit, seen, better, lost, is_noise=is_noise)
+    found = _notes(fit, seen, better, apart, lost, is_noise=is_noise)
     notes = (*fit.notes, *found) if fit.determined.any() else (*found, *fit.notes)  # the cause of all comes first
     return replace(fit, errors=errors, determined=fit.determined & ~lost, notes=notes)
 
 
+def _outliers(fit: Fit, seen: Explained, report_progress: ReportProgress) -> WithoutOutliers | None:
+    """Return the fit without outliers, where there are some and no named fault explains most of the residuals."""
+    robust = fit.likelihood.loss != "squares"
+    if robust or any(f.share > MOST for f in seen.found if not f.fault.unnamed):
+        return None
+    report_progress("what single pixels show")
+    apart = without_outliers(fit)
+    return apart if apart.share > NEGLIGIBLE else None
+
+
 def _notes(
-    fit: Fit, seen: Explained, better: Mended | None, lost: Bool[np.ndarray, " p"], *, is_noise: bool
+    fit: Fit,
+    seen: Explained,
+    better: Mended | None,
+    apart: WithoutOutliers | None,
+    lost: Bool[np.ndarray, " p"],
+    *,
+    is_noise: bool,
 ) -> list[Note]:
     """Say what the residuals show, how sure that is, and what to do."""
     named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
     kinds, is_known = tuple(f.fault.kind for f in seen.found), bool(named) and not seen.found[0].fault.unnamed
-    if better is not None:
+    if apart is not None and apart.is_noise:
+        why, kinds, is_known = f"{apart.sentence(fit)} The errors allow for this.", ("outliers",), True
+    elif better is not None:
         why, kinds, is_known = f"{better.sentence} The errors allow for this.", (better.kind,), True
     elif is_known:
         why = f"{_sentences(seen.found[:MAX_NAMED])} The errors allow for this."
@@ -80,6 +107,8 @@ def _notes(
             f"{seen.found[0]} No fault that has a name explains it, so the model may not have its cause. The errors "
             "allow for such a change; treat them as lower limits."
         )
+    if apart is not None and not apart.is_noise:
+        why, kinds = f"{why} Perhaps also: {apart.sentence(fit)}", (*kinds, "outliers")
     lead = "" if is_noise else "the residuals are not noise: "
     notes = [Note(f"{lead}{why}", "cause" if is_known else "misfit", kinds)]
     if lost.any():

@@ -1,0 +1,77 @@
+"""Outliers: single pixels far from what the model shows, which least squares follows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.masks import Mask
+from ...core.robust_scale import OUTLIER, robust_scale
+from ..forward.sums import residuals
+from ..laid_out import LaidOut
+from ..misfit.noise_tests import FALSE_ALARM, leftovers, whiteness
+from ..pixels.blocks import chunks as in_chunks
+from ..problem import PART
+from ..result import Fit
+from ..statistics.uncertainty import Vector
+from ..unknowns.unknown import values_at
+
+ROUNDS = 10  # of leaving out; where a tenth of the pixels is far off, the fourth changes nothing any more
+
+
+class WithoutOutliers(NamedTuple):
+    """A fit repeated without the pixels that are far from what it shows."""
+
+    share: float
+    """The share of the pixels that are left out."""
+    moves: Vector
+    """How far the values are then from those with all pixels."""
+    is_noise: bool
+    """Whether the residuals of the others are noise."""
+
+    def sentence(self, fit: Fit) -> str:
+        """Say what was left out, which value it moves most, and the remedy."""
+        known = np.where(fit.determined, fit.plain_errors, np.inf)
+        j = int(np.argmax(np.abs(self.moves) / known))
+        rest = ", and the rest is noise" if self.is_noise else ""
+        return (
+            f"{self.share:.2%} of the pixels are far from what the model shows, as dust, text and things in front of "
+            f"the object are, and squares follow them: without them {fit.names[j]} is "
+            f"{fit.values[j] + self.moves[j]:.3g}{rest}. Mask them out with View.mask, or fit with loss='cauchy'."
+        )
+
+
+def without_outliers(fit: Fit) -> WithoutOutliers:
+    """Fit again without the pixels that lie `OUTLIER` robust deviations from the fit, until these stay the same.
+
+    Of more than `PART` pixels, so many are looked at.
+    """
+    all_pixels = fit.solved.problem.data.part(PART)
+    whole = fit.solved.changed(data=all_pixels).laid_out()
+    with_all = theta = whole.minimise().theta
+    rest, far = whole, [np.zeros(view.camera.shape, bool) for view in fit.views]
+    for _ in range(ROUNDS):
+        before, far = far, _far(whole, theta)
+        if all(map(np.array_equal, before, far)):
+            break
+        rest = fit.solved.changed(theta=theta, data=all_pixels.keeping([~of for of in far])).laid_out()
+        theta = rest.minimise().theta
+    moves = values_at(theta, fit.unknowns) - values_at(with_all, fit.unknowns)
+    is_noise = whiteness(leftovers(rest, theta)).p_value > FALSE_ALARM
+    share = sum(int(of.sum()) for of in far) / all_pixels.counts.pixels
+    return WithoutOutliers(share, moves, is_noise)
+
+
+def _far(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> Sequence[Mask]:
+    """Return the pixels of each view that are far from what the model shows at theta."""
+    found = laid.task.on_all_cores(residuals, theta, laid.chunks)
+    scale = robust_scale(np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found]))
+    masks = [np.zeros(view.camera.shape, bool) for view in laid.problem.data.views]
+    for (r, counts), pieces in zip(found, in_chunks(laid.parts), strict=True):
+        far: Bool[np.ndarray, "blocks pixels"] = np.any((np.abs(r) > OUTLIER * scale) & counts, 1)
+        for of_piece, piece in zip(far, pieces, strict=True):
+            masks[piece.view].reshape(-1)[piece.pixels] |= of_piece[: len(piece.pixels)]
+    return masks
