@@ -51,6 +51,25 @@ def test_a_fit_that_is_told_nothing_of_the_material_ends_no_worse_than_the_truth
     assert found == pytest.approx(fit.rmse**2 * fit.counts.samples, rel=1e-7, abs=1e-18)
 
 
+@pytest.mark.thorough
+def test_a_fit_is_the_same_in_any_unit_of_length():
+    def fitted(unit):
+        places = ((2, 3, 4), (1, 1, 2.5))
+        fades = ds.RadialAttenuation(1.0, 0.1 / unit, 0.5 / unit**2)
+        lamps = tuple(ds.PointLight(unit * np.array(at), 10.0, fades) for at in places)
+        ball = ds.Object(ds.Sphere(radius=unit), ds.Material(0.05, (0.6, 0.4, 0.2), 0.3, 30))
+        scene, camera = ds.Scene(ball, lamps), ds.Camera((0, 0, 4 * unit), fov=35, shape=(48, 48))
+        images = noisy([np.asarray(ds.render(scene, camera, lit=i), np.float64) for i in (0, 1)], 0.004, 0)
+        views = [ds.View(image, camera, lit=i) for i, image in enumerate(images)]
+        return ds.fit(scene, views, free=("k_a", "k_d", "k_s", "n_s", "attenuation"), tied="attenuation")
+
+    metres, micrometres = fitted(1.0), fitted(1e6)
+    assert micrometres.determined.all()
+    units = np.append(np.ones(10), (1e6, 1e12))
+    np.testing.assert_allclose(units * micrometres.values, metres.values, atol=1e-3 * metres.errors.min(), rtol=1e-4)
+    np.testing.assert_allclose(units * micrometres.errors, metres.errors, rtol=1e-2)
+
+
 # --- the scene's values, which a search does not look at and start="scene" begins with
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.thresholds import NEGLIGIBLE, VAGUE
+from ...core.thresholds import NEGLIGIBLE, TINY, VAGUE
 from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, free_places, logarithms
 from .gauges import of_attenuation, quantities, sentence
@@ -38,7 +38,7 @@ def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray
     """
     A, lengths = scaled(H)
     largest = lengths.max(initial=0.0)
-    zero = lengths <= 1e-12 * largest if largest > 0 else np.ones(len(H), bool)
+    zero = lengths <= TINY**2 * largest if largest > 0 else np.ones(len(H), bool)  # per metre or per 1,000 km
     live = np.flatnonzero(~zero)
     if not len(live) or regular_inverse(A[np.ix_(live, live)], SINGULAR**2) is not None:
         return zero, np.zeros((0, len(H)))
