@@ -107,12 +107,12 @@ def fit_texels(
     All texels with one highlight, for photographs of things: its shape, a sum of powers of the cosine, is learned from
     the whole object, and k_s is kept small where no view shows a highlight. The lobe is Blinn's unless the scene's fits
     far better. Every normal of a grid is tried, so that no local minimum traps a texel; shadows and bounced light lose
-    their weight by the robust loss; a normal is the geometric median of the 3 x 3 around it. That there is a highlight,
-    that observations may be far off, and that the darkest tell little is assumed as far as it predicts photographs that
-    are left out better; else the object is matte, and all observations count alike. The errors contain what the model
-    leaves out: they follow from the misfit, from the scatter of the neighbours, from fits to parts of the lights, and
-    from other normals that fit nearly as well. It computes in float32, whose rounding is thousands of times smaller
-    than those errors.
+    their weight by the robust loss; a normal is the geometric median of the 3 x 3 around it, where its own may be as
+    far off. That there is a highlight, that observations may be far off, and that the darkest tell little is assumed as
+    far as it predicts photographs that are left out better; else the object is matte, and all observations count alike.
+    The errors contain what the model leaves out: they follow from the misfit, from the scatter of the neighbours, from
+    fits to parts of the lights, and from other normals that fit nearly as well. It computes in float32, whose rounding
+    is thousands of times smaller than those errors.
 
     Args:
         scene: One opaque object, whose surface says where the texels are, and all lights. The values of free numbers

@@ -61,6 +61,21 @@ def geometric_median(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, 
     return image
 
 
+def corrected(
+    normal: Float[np.ndarray, "h w 3"], angle: Float[np.ndarray, "h w 1"], mask: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w 3"]:
+    """Return the geometric medians, and a texel's own normal where that is known better than its median is near.
+
+    Args:
+        normal: The normals of the texels, each by itself.
+        angle: How far each may be off, radians. Relief finer than three texels has medians farther away.
+        mask: Where they are known.
+    """
+    median = geometric_median(normal, mask)
+    apart = np.linalg.norm(median - normal, axis=-1, keepdims=True)
+    return np.where(apart > 2.0 * np.sin(np.minimum(angle, np.pi) / 2.0), normal, median)
+
+
 def scatter_of(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """Return the root mean square sine by which the normals around each texel leave their mean, 0 outside."""
     share = np.maximum(_box(mask.astype(np.float64), SCATTER_SIDE), 1e-9)

@@ -29,8 +29,8 @@ from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, EitherLobe, beside_blinn, lobe_taken, note_on_lobe
 from .learning import Assumptions, ObjectModel, learned
-from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_of
-from .stated_errors import COLUMNS, SpreadColumns, state_errors
+from .neighbours import MARGIN, corrected, grid_of, mean_around, scatter_of
+from .stated_errors import COLUMNS, Parts, SpreadColumns, fit_parts, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
@@ -142,7 +142,8 @@ class RobustRun(TexelWork):
         arrays = MapArrays(store, ("k_d", "k_s", "n_s", "normal"), reader.shape, reader.channels)
         spread = store.array("spread", (*reader.shape, COLUMNS), np.float32)
         doubts = store.array("doubts", (tiles.count, len(reader.views), CELLS * CELLS, 2), np.float32)
-        shared = self._shared(models, sample)
+        parts = fit_parts(self, models)
+        shared = self._shared(models, sample, parts)
         unexplained = None
         if shared.taken is not None:
             width = reader.channels * len(shared.taken)
@@ -156,8 +157,7 @@ class RobustRun(TexelWork):
         tiles.each_tile(fit, store.done, "fitted", margin=SQUARE if reader.with_position else MARGIN)
         store.wait_for_all()
         check_anything_left(arrays.arrays["status"])
-        tiles.report_progress("fitting parts of the lights")
-        times = state_errors(self, shared, arrays, spread)
+        times = state_errors(self, shared, parts, arrays, spread)
         store.wait_for_all()
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
         given, taken = reader.scene.objects[0].material.lobe, lobe_taken(self.setup.lobe)
@@ -177,7 +177,7 @@ class RobustRun(TexelWork):
             None if shared.interpolation is None else Unexplained(shared.interpolation, store.read("unexplained")),
         )
 
-    def _shared(self, models: Sequence[ObjectModel], sample: TexelTile) -> Shared:
+    def _shared(self, models: Sequence[ObjectModel], sample: TexelTile, parts: Parts) -> Shared:
         """Return what the texels share, from a sample of them."""
         region = self.region_of(sample.pixels)
         refined = [self.refined(m, sample.part(np.flatnonzero(region == r))) for r, m in enumerate(models)]
@@ -186,7 +186,9 @@ class RobustRun(TexelWork):
         leaves = self.tiles.store.kept(
             "between_lights", lambda: jax.tree.leaves(self._interpolated(sample, refined, seen.beyond, brightest))
         )
-        return Shared(models, refined, brightest, *from_leaves(leaves))
+        alone = self.each(parts.sample, self._normals, models)
+        own = parts.held_by(np.asarray(alone.spread[0]), parts.found.angle)
+        return Shared(models, refined, brightest, own.errors * own.times_95, *from_leaves(leaves))
 
     def _interpolated(
         self,
@@ -248,7 +250,9 @@ class RobustRun(TexelWork):
         found = self.each(tile, self._normals, models)
         grid = grid_of(tile.pixels, width)
         alone = grid.image(found.n.T)
-        n = geometric_median(alone, grid.mask) if self.neighbours else alone
+        n = alone
+        if self.neighbours:
+            n = corrected(alone, grid.image(shared.own_95 * np.asarray(found.spread[:1]).T), grid.mask)
         normal = n[grid.row, grid.column].T
         own = np.flatnonzero((tile.pixels >= rows[0] * width) & (tile.pixels < rows[1] * width))
         if not len(own):

@@ -9,6 +9,7 @@ normal that it fits. b is the share of the observations around that are brighter
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -58,24 +59,42 @@ class SpreadColumns(NamedTuple):
 COLUMNS = len(SpreadColumns._fields)
 
 
-def state_errors(
-    work: TexelWork, shared: Shared, arrays: MapArrays, spread: Float[np.ndarray, "h w columns"]
-) -> dict[str, float]:
-    """Turn spreads into errors; return how many errors hold the truth 95 % of the time."""
+class Parts(NamedTuple):
+    """Some texels fitted to parts of the lights."""
+
+    sample: TexelTile
+    division: Division
+    found: Turned
+
+    def held_by(self, spread: Float[np.ndarray, " texels"], difference: Float[Array, "parts texels"]) -> Spreads:
+        """Return how many spreads hold the truth, given how far the parts' numbers are from those of all lights."""
+        return calibrated(difference, spread, self.found.reached, self.division)
+
+
+def fit_parts(work: TexelWork, models: Sequence[ObjectModel]) -> Parts:
+    """Fit a sample of the texels to parts of the lights."""
+    work.tiles.report_progress("fitting parts of the lights")
     sample = work.tiles.reader.sample(CALIBRATION_SAMPLE)
     division = division_of(work.toward(sample))
 
     def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Turned:
         return turned(work.setup, work.known, block, model, division.parts)
 
-    found = work.each(sample, program, shared.models)
+    return Parts(sample, division, work.each(sample, program, models))
+
+
+def state_errors(
+    work: TexelWork, shared: Shared, parts: Parts, arrays: MapArrays, spread: Float[np.ndarray, "h w columns"]
+) -> dict[str, float]:
+    """Turn spreads into errors; return how many errors hold the truth 95 % of the time."""
+    sample, division, found = parts
     there = SpreadColumns(*spread.reshape(-1, COLUMNS)[sample.pixels].T)
     known = np.isfinite(there.scatter)
     typical = float(np.median(there.scatter[known])) if known.any() else 1.0
     held = {
-        "normal": calibrated(found.angle, there.of_normal(typical), found.reached, division),
-        "k_d": calibrated(np.abs(found.k_d), there.k_d, found.reached, division),
-        "k_s": calibrated(np.abs(found.k_s), there.k_s, found.reached, division),
+        "normal": parts.held_by(there.of_normal(typical), found.angle),
+        "k_d": parts.held_by(there.k_d, np.abs(found.k_d)),
+        "k_s": parts.held_by(there.k_s, np.abs(found.k_s)),
     }
     held["k_s"] = held["k_s"]._replace(errors=max(held["k_s"].errors, 1.0))  # most texels show little of theirs
     region = work.region_of(sample.pixels)

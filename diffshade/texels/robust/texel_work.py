@@ -36,6 +36,8 @@ class Shared(NamedTuple):
     """The same with the highlight's shape learned to the end, by which k_d and k_s are found."""
     brightest: Float[np.ndarray, ""]
     """Largest reflectance that was seen."""
+    own_95: float
+    """How many of its own spreads hold the normal of a texel 95 % of the time."""
     interpolation: Interpolation | None
     """Of what the views show beyond the model."""
     between: BetweenLights | None = None
