@@ -82,3 +82,14 @@ def test_that_the_lamp_was_off():
     fit, _ = said(ball(k_a=0.1), [view], free=("k_d",))
     np.testing.assert_allclose(fit.values, 0.0, atol=1e-6)
     assert np.isfinite(fit.errors).all()
+
+
+def test_that_highlights_differ_by_colour():
+    scene, random = ball(k_a=0.05, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=(20.0, 25.0, 32.0)), np.random.default_rng(3)
+    pictures = [np.asarray(ds.render(scene, CAMERA, lit=i), np.float64) for i in (0, 1)]
+    views = [ds.View(one + 0.004 * random.standard_normal(one.shape), CAMERA, lit=i) for i, one in enumerate(pictures)]
+    fit, note = said(ball(), views, free=("k_a", "k_d", "k_s", "n_s"))
+    assert note.names == ("highlight by colour",)
+    assert "Give the material n_s=(" in note
+    off = np.abs(fit.values - fit.values_in(ball(k_a=0.05, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=25.0)))
+    np.testing.assert_array_less(off[fit.determined], 2.5 * fit.errors[fit.determined])

@@ -184,6 +184,16 @@ def of_colour(at: Linearised) -> Iterator[Case]:
         yield Case(c, np.where(channel == c, both, 0.0))
 
 
+def of_highlight_by_colour(at: Linearised) -> Iterator[Case]:
+    """Yield highlights that are wider in one channel than in another, where one n_s is fitted to all channels."""
+    channel = at.set_up.channel
+    for j, unknown in enumerate(at.fit.unknowns):
+        if unknown.kind == "n_s" and unknown.logarithmic and channel.any():
+            change = at.jacobian[[j]].toarray()
+            if len(np.unique(channel[change[0] != 0.0])) > 1:
+                yield Case(j, _of_each_channel(at, change))
+
+
 def of_exposure(at: Linearised) -> Iterator[Case]:
     """Yield a view's exposure, relative to the given one."""
     for i, view in enumerate(at.set_up.fit.views):

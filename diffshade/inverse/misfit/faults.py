@@ -42,6 +42,10 @@ def _of_highlight(f: Found) -> dict[str, Any]:
     return {"wider": "sharper" if factor > 1 else "wider", "n_s": n_s, "free": free}
 
 
+def _by_colour(f: Found) -> dict[str, Any]:
+    return {"n_s": _vector(f.given.values[f.which] * np.exp(f.amount), ".3g")}
+
+
 def _of_sphere(f: Found) -> dict[str, Any]:
     item = f.given.scene.objects[f.which]
     sphere: Any = item.surface
@@ -175,6 +179,14 @@ FAULTS = (
         other_scenes.of_second_highlight,
         words=_of_highlight,
         plausible=(0.0, np.inf),
+    ),
+    Fault(
+        "highlight by colour",
+        "the highlights are wider in one colour than in another: n_s is near {n_s}",
+        "Give the material n_s={n_s}, a number for each channel.",
+        changes.of_highlight_by_colour,
+        words=_by_colour,
+        size=lambda which, amount: float(np.ptp(amount)),
     ),
     Fault(
         "radius",

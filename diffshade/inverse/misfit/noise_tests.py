@@ -33,6 +33,7 @@ from ..pixels.blocks import chunks as in_chunks
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
 CELLS, SIZES = 16, 3  # cells along each side of the object, which are joined to 8 and to 4
 BINS = CELLS  # of equally many pixels, by brightness
+COLOURS = 3  # into which channels are divided, since what moves one up and another down leaves their sum as it is
 
 
 class Footprint:
@@ -70,6 +71,8 @@ class Leftover:
     shown: Footprint
     residual: Float[np.ndarray, " n"]
     light: Float[np.ndarray, " n"]
+    colours: Float[np.ndarray, "colours n"] = dataclasses.field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    """The residuals of the channels, or of a third of them each; none of a grey photograph."""
 
     @cached_property
     def mean_square(self) -> float:
@@ -86,11 +89,12 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     units = np.sqrt(laid.squares / data.counts.samples), max(s.brightest for s in data.samples)
     lengths = [[len(part.pixels) for part in of] for of in in_chunks(laid.parts)]
     starts = np.cumsum([0, *map(sum, lengths)])
-    both, at = np.empty((2, starts[-1]), np.float32), laid.task.with_padding(theta)
+    channels, at = laid.chunks[0].observed.target.shape[1], laid.task.with_padding(theta)
+    planes = np.empty((2 if channels == 1 else 2 + min(channels, COLOURS), starts[-1]), np.float32)
 
     def fill(k: int) -> None:
         of_chunk = _residuals(at, units, laid.task.padded_model, laid.chunks[k])
-        for out, found in zip(both[:, starts[k] : starts[k + 1]], of_chunk, strict=True):
+        for out, found in zip(planes[:, starts[k] : starts[k + 1]], of_chunk, strict=True):
             np.concatenate([row[:n] for row, n in zip(np.asarray(found), lengths[k], strict=True)], out=out)
 
     on_all_cores(fill, range(len(lengths)))
@@ -101,22 +105,29 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
         start, end = end, end + sum(map(len, pixels))
         if (key := tuple(map(id, pixels))) not in shown:
             shown[key] = Footprint(pixels, data.views[view].camera.shape)
-        left.append(Leftover(view, shown[key], *both[:, start:end]))
+        residual, light = planes[:2, start:end]
+        left.append(Leftover(view, shown[key], residual, light, planes[2:, start:end]))
     return left
 
 
 @partial(jit_quickly, options=PLAINLY)
 def _residuals(
     theta: Array, units: tuple[Array, Array], model: AbstractForwardModel, chunk: Block
-) -> tuple[Array, Array]:
-    """Return sums over the channels of the whitened residuals, 0 where a sample is clipped, and of the predictions."""
+) -> tuple[Array, ...]:
+    """Return sums over the channels of the whitened residuals and of the predictions, and residuals by colour.
 
-    def of_block(block: Block) -> tuple[Array, Array]:
+    A residual is 0 where a sample is clipped.
+    """
+
+    def of_block(block: Block) -> tuple[Array, ...]:
         m, weight = model.predict(theta, block), model.sample_weights(block)
         terms = costs(model.likelihood, m, dataclasses.replace(block.observed, weight=weight))
-        residual = sum(t.slope / jnp.sqrt(jnp.where(t.curvature > 0, t.curvature, 1.0)) for t in terms)
+        residual = [t.slope / jnp.sqrt(jnp.where(t.curvature > 0, t.curvature, 1.0)) for t in terms]
         light = sum(jnp.where(w > 0, of, 0.0) for of, w in zip(m, weight, strict=True))
-        return jax.tree.map(lambda of, unit: (of / unit).astype(np.float32), (residual, light), units)
+        groups = 0 if len(residual) == 1 else min(len(residual), COLOURS)
+        ends = [k * len(residual) // max(groups, 1) for k in range(groups + 1)]
+        by_colour = [sum(residual[first:end]) / units[0] for first, end in itertools.pairwise(ends)]
+        return tuple(jnp.astype(of, np.float32) for of in (sum(residual) / units[0], light / units[1], *by_colour))
 
     return jax.lax.map(of_block, chunk)
 
@@ -152,32 +163,41 @@ def _all_sums(view: Leftover) -> list[Sums]:
     the brightness, since most noise grows with it.
     """
     light, at = view.light, view.shown
-    z = view.residual / view.mean_square**0.5  # whose fourth powers single precision holds
+    unit = np.float32(1.0 / view.mean_square**0.5)  # whose fourth powers single precision holds
     some = light[:: max(len(light) // 1024, 1)]
     edges = np.quantile(some, np.arange(1, BINS) / BINS).astype(light.dtype)
 
     def of_band(rows: slice) -> list[np.ndarray]:
         part = slice(at.first[rows.start + 1], at.first[rows.stop + 1])
-        residual, bins = z[part], reduce(np.add, [(light[part] > edge).view(np.int8) for edge in edges])
-        squares = residual * residual
+        bins = reduce(np.add, [(light[part] > edge).view(np.int8) for edge in edges])
         run = np.append(0, np.flatnonzero(bins[1:] != bins[:-1]) + 1)  # where neighbours are not in one bin
-        over_bins = [np.bincount(bins[run], np.add.reduceat(of, run), BINS) for of in (residual, squares)]
-        count = np.bincount(bins[run], np.diff(run, append=len(bins)), BINS)
-        picture, shade = (at.rows_of(of, rows.start, rows.stop + 2) for of in (z, light))
-        own = picture[1:-1]
-        over_cells = [at.down[:, rows] @ (of @ at.along) for of in (own, own * own)]
-        return [*over_cells, *over_bins, count, np.asarray(squares @ squares), _looks(at.middle[rows], picture, shade)]
+        count, fourth = np.bincount(bins[run], np.diff(run, append=len(bins)), BINS), np.zeros(())
+        shade, found = at.rows_of(light, rows.start, rows.stop + 2), []
+        for of in (view.residual, *view.colours):
+            residual = unit * of[part]
+            picture = unit * at.rows_of(of, rows.start, rows.stop + 2)
+            squares, own = residual * residual, picture[1:-1]
+            found += [at.down[:, rows] @ (x @ at.along) for x in (own, own * own)]
+            found += [np.bincount(bins[run], np.add.reduceat(x, run), BINS) for x in (residual, squares)]
+            found.append(_looks(at.middle[rows], picture, shade))
+            if of is view.residual:
+                fourth = np.asarray(squares @ squares)
+        return [*found, count, fourth]
 
     height, width = at.middle.shape
     step = max(CHUNK * BLOCK // width, 1)  # what a band needs stays in a core's cache
     bands = [slice(first, min(first + step, height)) for first in range(0, height, step)]
     filled = [rows for rows in bands if at.first[rows.start + 1] < at.first[rows.stop + 1]]
-    *fine, of_bins, squares, count, fourth, looks = total(on_all_cores(of_band, filled))
-    found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
-    found += [(of_bins, squares), *((of[:1], of[1:]) for of in looks)]
-    excess, expected = squares - count, count * (fourth / len(z) - 1.0)
+    *parts, count, fourth = total(on_all_cores(of_band, filled))
+    found: list[Sums] = []
+    for first in range(0, len(parts), 5):  # the sum of the channels, then each colour
+        *fine, of_bins, squares, looks = parts[first : first + 5]
+        found += [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
+        found += [(of_bins, squares), *((of[:1], of[1:]) for of in looks)]
+    squares = parts[3]
+    excess, expected = squares - count, count * (fourth / len(light) - 1.0)
     middles = np.quantile(some, (np.arange(BINS) + 0.5) / BINS)
-    along = middles - count @ middles / len(z)
+    along = middles - count @ middles / len(light)
     found += [(excess, expected), (along[None] @ excess, along[None] ** 2 @ expected)]
     return found
 

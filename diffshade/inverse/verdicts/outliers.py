@@ -1,4 +1,4 @@
-"""Outliers: single pixels far from what the model shows, which least squares follows."""
+"""Outliers: pixels far from what the model shows, which least squares follows."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ class WithoutOutliers(NamedTuple):
 
     share: float
     """The share of the pixels that are left out."""
+    of_a_view: float
+    """The largest share of one view."""
     moves: Vector
     """How far the values are then from those with all pixels."""
     is_noise: bool
@@ -38,8 +40,8 @@ class WithoutOutliers(NamedTuple):
         j = int(np.argmax(np.abs(self.moves) / known))
         rest = ", and the rest is noise" if self.is_noise else ""
         return (
-            f"{self.share:.2%} of the pixels are far from what the model shows, as dust, text and things in front of "
-            f"the object are, and squares follow them: without them {fit.names[j]} is "
+            f"{self.share:.2%} of the pixels are far from what the model shows, as of shadows, dust, text and "
+            f"things in front of the object, and squares follow them: without them {fit.names[j]} is "
             f"{fit.values[j] + self.moves[j]:.3g}{rest}. Mask them out with View.mask, or fit with loss='cauchy'."
         )
 
@@ -61,8 +63,8 @@ def without_outliers(fit: Fit) -> WithoutOutliers:
         theta = rest.minimise().theta
     moves = values_at(theta, fit.unknowns) - values_at(with_all, fit.unknowns)
     is_noise = whiteness(leftovers(rest, theta)).p_value > FALSE_ALARM
-    share = sum(int(of.sum()) for of in far) / all_pixels.counts.pixels
-    return WithoutOutliers(share, moves, is_noise)
+    out, pixels = np.array([of.sum() for of in far]), np.maximum(all_pixels.pixels, 1)
+    return WithoutOutliers(out.sum() / pixels.sum(), np.max(out / pixels), moves, is_noise)
 
 
 def _far(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> Sequence[Mask]:

@@ -59,9 +59,8 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
         errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
         if better is not None and better.values is not None:
             errors = np.maximum(errors, np.abs(better.values - fit.values))
-        if apart is not None:  # what is left out may be no outliers where the rest is no noise either
-            far = fit.determined & (np.abs(apart.moves) > RARE * errors)
-            apart, errors = (apart, np.hypot(errors, apart.moves)) if far.any() else (None, errors)
+        if apart is not None:
+            errors = np.hypot(errors, apart.moves)
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
     found = _notes(fit, seen, better, apart, lost, is_noise=is_noise)
     notes = (*fit.notes, *found) if fit.determined.any() else (*found, *fit.notes)  # the cause of all comes first
@@ -69,13 +68,19 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
 
 
 def _outliers(fit: Fit, seen: Explained, report_progress: ReportProgress) -> WithoutOutliers | None:
-    """Return the fit without outliers, where there are some and no named fault explains most of the residuals."""
-    robust = fit.likelihood.loss != "squares"
-    if robust or any(f.share > MOST for f in seen.found if not f.fault.unnamed):
+    """Return the fit without outliers, where there are some and no named fault explains most of the residuals.
+
+    Where they are most of a view, the view is wrong. If the rest is no noise either, they may be none: nothing else
+    must have a name, and they must move a value far.
+    """
+    named = [f.share for f in seen.found if not f.fault.unnamed]
+    if fit.likelihood.loss != "squares" or max(named, default=0.0) > MOST:
         return None
     report_progress("what single pixels show")
     apart = without_outliers(fit)
-    return apart if apart.share > NEGLIGIBLE else None
+    far = np.abs(apart.moves) > RARE * np.hypot(fit.errors, seen.errors)
+    matters = apart.is_noise or (not named and bool(np.any(fit.determined & far)))
+    return apart if apart.share > NEGLIGIBLE and apart.of_a_view < MOST and matters else None
 
 
 def _notes(
