@@ -33,7 +33,7 @@ from ..pixels.blocks import chunks as in_chunks
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
 CELLS, SIZES = 16, 3  # cells along each side of the object, which are joined to 8 and to 4
 BINS = CELLS  # of equally many pixels, by brightness
-COLOURS = 3  # into which channels are divided, since what moves one up and another down leaves their sum as it is
+THIRDS = 3  # of the channels: what moves one colour up and another down is not in the sum of all
 
 
 class Footprint:
@@ -72,7 +72,7 @@ class Leftover:
     residual: Float[np.ndarray, " n"]
     light: Float[np.ndarray, " n"]
     colours: Float[np.ndarray, "colours n"] = dataclasses.field(default_factory=lambda: np.zeros((0, 0), np.float32))
-    """The residuals of the channels, or of a third of them each; none of a grey photograph."""
+    """The residuals of each third of the channels; none of a grey photograph."""
 
     @cached_property
     def mean_square(self) -> float:
@@ -90,7 +90,7 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     lengths = [[len(part.pixels) for part in of] for of in in_chunks(laid.parts)]
     starts = np.cumsum([0, *map(sum, lengths)])
     channels, at = laid.chunks[0].observed.target.shape[1], laid.task.with_padding(theta)
-    planes = np.empty((2 if channels == 1 else 2 + min(channels, COLOURS), starts[-1]), np.float32)
+    planes = np.empty((2 + THIRDS * (channels >= THIRDS), starts[-1]), np.float32)
 
     def fill(k: int) -> None:
         of_chunk = _residuals(at, units, laid.task.padded_model, laid.chunks[k])
@@ -124,8 +124,7 @@ def _residuals(
         terms = costs(model.likelihood, m, dataclasses.replace(block.observed, weight=weight))
         residual = [t.slope / jnp.sqrt(jnp.where(t.curvature > 0, t.curvature, 1.0)) for t in terms]
         light = sum(jnp.where(w > 0, of, 0.0) for of, w in zip(m, weight, strict=True))
-        groups = 0 if len(residual) == 1 else min(len(residual), COLOURS)
-        ends = [k * len(residual) // max(groups, 1) for k in range(groups + 1)]
+        ends = [k * len(residual) // THIRDS for k in range(THIRDS + 1)] if len(residual) >= THIRDS else []
         by_colour = [sum(residual[first:end]) / units[0] for first, end in itertools.pairwise(ends)]
         return tuple(jnp.astype(of, np.float32) for of in (sum(residual) / units[0], light / units[1], *by_colour))
 
@@ -179,7 +178,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
             squares, own = residual * residual, picture[1:-1]
             found += [at.down[:, rows] @ (x @ at.along) for x in (own, own * own)]
             found += [np.bincount(bins[run], np.add.reduceat(x, run), BINS) for x in (residual, squares)]
-            found.append(_looks(at.middle[rows], picture, shade))
+            found.append(_looks(at.middle[rows], picture, shade, bend_only=of is not view.residual))
             if of is view.residual:
                 fourth = np.asarray(squares @ squares)
         return [*found, count, fourth]
@@ -203,9 +202,13 @@ def _all_sums(view: Leftover) -> list[Sums]:
 
 
 def _looks(
-    middle: Bool[np.ndarray, "h w"], residual: Float[np.ndarray, "h+2 w"], light: Float[np.ndarray, "h+2 w"]
+    middle: Bool[np.ndarray, "h w"],
+    residual: Float[np.ndarray, "h+2 w"],
+    light: Float[np.ndarray, "h+2 w"],
+    *,
+    bend_only: bool,
 ) -> Float[np.ndarray, "looks 2"]:
-    """Return sums of residuals times gradient, curvature and neighbours, and of the squares of these products.
+    """Return sums of residuals times curvature, gradient and neighbours, and of the squares of these products.
 
     The pictures have one more row above and below, and nothing in their first and last columns, so that a step to a
     neighbour is one along the flattened picture.
@@ -222,11 +225,17 @@ def _looks(
     bend += right
     bend += left
     bend -= 4.0 * shade
-    pairs = [(inner, of) for of in (down - up, right - left, bend)]
-    pairs += [(own, beside(residual, step)) for step in (-width, -1)]
-    products = (a * b for a, b in pairs)
-    sums = np.array([(a @ b, of @ of) for (a, b), of in zip(pairs, products, strict=True)], np.float64)
-    return np.array([*sums[:3], sums[3] + sums[4]])
+    if bend_only:
+        return _sums_of([(inner, bend)])
+    beside_it = _sums_of([(own, beside(residual, step)) for step in (-width, -1)])
+    looks = _sums_of([(inner, of) for of in (bend, down - up, right - left)])
+    return np.array([*looks, beside_it.sum(0)])
+
+
+def _sums_of(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Float[np.ndarray, "pairs 2"]:
+    """Return the sum of each pair's products, and that of their squares."""
+    products = [a * b for a, b in pairs]
+    return np.array([(a @ b, of @ of) for (a, b), of in zip(pairs, products, strict=True)], np.float64)
 
 
 def _joined(fine: Sequence[np.ndarray], side: int) -> Sums:
