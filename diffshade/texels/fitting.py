@@ -20,7 +20,7 @@ from ..core.backend import check_backend, in_float64
 from ..core.extras import check_extra
 from ..core.fields import as_float64
 from ..core.progress import showing
-from ..core.thresholds import MOST
+from ..core.thresholds import MOST, SMALL
 from ..core.words import Note
 from ..inverse.data.recording import developed
 from ..inverse.data.views import View, lights_on
@@ -41,7 +41,7 @@ from .robust.choice import own_exponents_predict_better
 from .robust.run import RobustRun
 from .robust.turned_lights import note_on_turned_lights
 from .run import TexelRun
-from .status import UNDETERMINED
+from .status import DETERMINED, UNDETERMINED
 from .tile_runner import TileRunner
 from .tiles import LEARNING_SAMPLE, ViewReader
 
@@ -215,7 +215,7 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
         _LOGGER.warning(text)  # before the work begins
     few = len(views) < GROUPS and light_error is None
     if set(free) != SHARED or loss == "squares" or unsuited or few:
-        return each.maps(lights, notes)
+        return each.maps(lights, (*notes, *_note_on_highlights(scene, views, each)))
     sample = tiles.reader.sample(LEARNING_SAMPLE)
     check_anything_left(np.ones(len(sample.pixels)))
     run = RobustRun(
@@ -247,6 +247,23 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
         maps = run.maps(models, sample, notes if light_error is not None else (*notes, A_DEGREE))
     as_given = eqx.tree_at(lambda of: of.lights, maps.scene, scene.lights)
     return dataclasses.replace(maps, scene=as_given, exposures=exposures, shifts=shifts, black=level)
+
+
+def _note_on_highlights(scene: Scene, views: Sequence[View], each: TexelRun) -> tuple[Note, ...]:
+    """Say where some texels show highlights that they are not fitted with."""
+    free = each.options.free
+    if "k_s" in free or "k_d" not in free or np.any(scene.objects[0].material.k_s):
+        return ()
+    glossy = TexelRun(scene, views, tuple(dict.fromkeys((*free, "k_s", "n_s"))), "squares", None, each.tiles)
+    sample = each.typical_sample
+    share = np.mean(glossy.estimates(sample).status == DETERMINED) if len(sample.pixels) else 0.0
+    if share <= SMALL:
+        return ()
+    text = (
+        f"{share:.0%} of the texels show a highlight, and k_s is 0 and not free: k_d and the normals are off by more "
+        "than their errors. Free k_s and n_s too."
+    )
+    return (Note(text, "missing highlight", ("k_s", "n_s")),)
 
 
 def _lacks_a_channel(scene: Scene, views: Sequence[View]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 
 import equinox as eqx
@@ -432,3 +433,14 @@ def test_small_systems_are_solved_and_dependent_columns_have_a_huge_error():
     assert huge[3] > 1e9
     assert huge[1] < 10
     assert np.isinf(inverse_diagonal([[jnp.asarray(0.0)]])[0])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("material", ["matte", "glossy"])
+def test_highlights_that_are_not_free_are_said(material):
+    of = bumpy(material, 12, 40.0)
+    dull = dataclasses.replace(of.scene.objects[0], material=ds.Material(k_d=0.5))
+    maps = ds.fit_texels(ds.Scene(dull, of.scene.lights), of.views, free=("k_d", "normal"))
+    said = [note for note in maps.notes if note.kind == "missing highlight"]
+    assert bool(said) == (material == "glossy")
+    assert all("Free k_s and n_s too" in note for note in said)
