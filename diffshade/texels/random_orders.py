@@ -16,10 +16,6 @@ from ..core.robust_scale import robust_scale
 from ..core.thresholds import TINY
 from .lights.uncalibrated import middle_ranks, pseudo_normals
 
-LISTS = (
-    99  # in random order: a wrong list passes as the best of a hundred, by either of two measures, once in fifty times
-)
-
 Samples = Float[np.ndarray, "views texels"]
 Counted = Bool[np.ndarray, "views texels"]
 Directions = Float[np.ndarray, "views 3"]
@@ -41,12 +37,13 @@ def random_order_is_as_good(
     if not counts.any():
         return False
     random, alike, given = np.random.default_rng(0), _alike(seen, counts), np.arange(len(power))
-    others = [random.permutation(given) for _ in range(LISTS)]
+    lists = 99  # a wrong one passes as the best of a hundred, by either of two measures, once in fifty times
+    others = [random.permutation(given) for _ in range(lists)]
     # over all lists the cosines between lights have one mean and one variance: the sum tells the correlation
     agreement = [np.sum(alike * (towards[order] @ towards[order].T)) for order in (given, *others)]
     if max(agreement[1:]) < agreement[0]:
         return False
-    some = np.linspace(0, seen.shape[1] - 1, min(seen.shape[1], LISTS)).astype(int)  # as few tell orders apart
+    some = np.linspace(0, seen.shape[1] - 1, min(seen.shape[1], lists)).astype(int)  # as few tell orders apart
 
     def misfit(order: Int[np.ndarray, " views"]) -> float:
         return _misfit(seen[:, some] / power[order, None], counts[:, some], towards[order])
