@@ -1,8 +1,8 @@
 r"""Conventions: lights in other axes or in another order than the photographs, where the normals are unknown.
 
-A matte texel has b = k_d n (Woodham 1980). In another order of the lights no b explains the photographs. In other axes
-A b explains them as well as b does; but the normals of a thing face the camera, point outward at its outline, and are
-those of a surface:
+A matte texel has b = k_d n (Woodham 1980). In another order of the lights no b explains the photographs; what is not
+matte, `random_orders` judges. In other axes A b explains them as well as b does; but the normals of a thing face the
+camera, point outward at its outline, and are those of a surface:
 
 $$ \partial_y (b_1 / b_3) = \partial_x (b_2 / b_3) $$
 """
@@ -31,6 +31,7 @@ from ..model.vectors import Vec3
 from .light_directions import MIN_SPREAD
 from .lights.placing import one_light_each
 from .lights.uncalibrated import SIGMA, middle_ranks, pseudo_normals, slopes
+from .random_orders import random_order_is_as_good
 from .tiles import SAMPLED_ROWS, TexelTile, ViewReader
 
 
@@ -69,9 +70,10 @@ class _Shape(NamedTuple):
 def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewReader, sample: TexelTile) -> Note | None:
     """Return a sentence if the lights are described in other axes, or listed in another order, than the photographs.
 
-    Nothing is said of fewer than eight photographs, nor where several lights are on, nor where all are close to each
-    other or to one plane, nor where several descriptions explain the photographs. If no outline tells whether the
-    object bulges, two descriptions are named, of which one is right.
+    Nothing is said of fewer than eight photographs, nor where several lights are on, nor of axes where all are close to
+    each other or to one plane, or where several explain the photographs. If no outline tells whether the object
+    bulges, two descriptions are named, of which one is right. An order that is none of the usual ones is not found:
+    it is said that one in random order is as good.
 
     Args:
         scene: The scene.
@@ -84,17 +86,38 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
         return None
     off_plane = np.linalg.svd(lamps.towards, compute_uv=False)[2] / np.sqrt(len(views))
     cells = _cells(views, reader, sample)
-    given = _shape(cells, lamps)
-    if given is None or off_plane < MIN_SPREAD:
+    given, found = _shape(cells, lamps), None
+    if given is not None and off_plane >= MIN_SPREAD:
+        camera = np.array([np.asarray(axis.stack()) for axis in axes(reader.camera)])
+        found = _described_otherwise(given, _moved(views, cells, lamps, camera), camera)
+    shown = (cells.seen[:, cells.inside], cells.counts[:, cells.inside])
+    if found is None and random_order_is_as_good(*shown, lamps.towards, lamps.power):
+        found = (
+            "the photographs do not belong to their lights: listed in a random order, the lights agree with them as "
+            "well. Check the order of the lights and of the photographs"
+        )
+    if found is None:
         return None
-    camera = np.array([np.asarray(axis.stack()) for axis in axes(reader.camera)])
+    return Note(f"{found}. Nothing is determined until it is corrected.", "cause", ("convention",))
+
+
+def _described_otherwise(
+    given: _Shape, moved: Sequence[tuple[float, str]], camera: Float[np.ndarray, "3 3"]
+) -> str | None:
+    """Return in words in which axes, or in which of the usual orders, the lights are those of a thing, if in one only.
+
+    Args:
+        given: What the photographs say of the shape under the lights as they are given.
+        moved: The doubt that the usual other orders leave, and their sentences.
+        camera: The axes of the camera.
+    """
     others = [(_doubt(given, camera @ A), A, axes_in_words(A)) for A in other_axes()]
-    others += [(of, None, words) for of, words in _moved(views, cells, lamps, camera)]
+    others += [(of, None, words) for of, words in moved]
     best = min(of for of, *_ in others)
     as_good = [(A, words) for of, A, words in others if of < CLEARLY * best]
     turned = [A for A, _ in as_good if A is not None]
     stands_out = FAR_MORE**3 if turned else FAR_MORE**2  # other axes leave the photographs explained as they were
-    if best > SMALL or _doubt(given, camera) < max(stands_out * best, MINOR):
+    if best > SMALL or _doubt(given, camera) < max(stands_out * best, SMALL**2):  # a sum of squares of shares
         return None
     half_turn = camera.T @ np.diag([-1.0, -1.0, 1.0]) @ camera
     if len(as_good) == 1:
@@ -104,8 +127,7 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
     else:
         return None
     inside_out = any(np.allclose(A, half_turn) for A in turned)
-    unless = ", unless the object is hollow at its outline" if inside_out else ""
-    return Note(f"{found}{unless}. Nothing is determined until it is corrected.", "cause", ("convention",))
+    return f"{found}{', unless the object is hollow at its outline' if inside_out else ''}"
 
 
 def _moved(

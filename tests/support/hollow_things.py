@@ -1,4 +1,4 @@
-"""Photographs of planes, hollows and rings, of which shading alone tells little: masked where the sheet ends."""
+"""Photographs of planes, hollows, rings and vases, of which shading alone tells little: masked where the sheet ends."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import numpy as np
 import diffshade as ds
 
 SIDE, WIDTH = 56, 2.2  # pixels, and the width of the picture
-SHAPES = ("bowl", "dish", "saddle", "tilted plane", "plane", "ring", "hollow ring")
+SHAPES = ("bowl", "dish", "saddle", "tilted plane", "plane", "ring", "hollow ring", "vase")
 
 
 def _height(shape: str, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The height of a shape, and where it is."""
     square = (np.abs(x) < 0.95) & (np.abs(y) < 0.95)
     r = np.hypot(x, y)
+    across = (0.55 + 0.25 * np.sin(3.0 * y + 0.5)) ** 2  # the square of a vase's radius
     ring = np.sqrt(np.maximum(0.3**2 - (r - 0.6) ** 2, 1e-3))
     return {
         "bowl": (1.0 - np.sqrt(np.maximum(1.0 - r**2, 1e-2)), r < 0.99),
@@ -23,6 +24,7 @@ def _height(shape: str, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.nd
         "plane": (0.0 * x, square),
         "ring": (ring, np.abs(r - 0.6) < 0.29),
         "hollow ring": (-ring, np.abs(r - 0.6) < 0.29),
+        "vase": (np.sqrt(np.maximum(across - x**2, 0.0)), (across - x**2 > 0.06 * across) & (np.abs(y) < 0.95)),
     }[shape]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import diffshade as ds
 from diffshade.inverse.misfit.conventions import orders
 from diffshade.texels.conventions import other_light_convention
 from diffshade.texels.tiles import LEARNING_SAMPLE, ViewReader
+from tests.support.measured import measured
 
 COUNT = 20
 CAMERA = ds.Camera(eye=tuple(EYE), fov=FOV, shape=(SIDE, SIDE))
@@ -39,7 +41,11 @@ def photographed(seed: int, k_s: float, textured: bool) -> tuple[np.ndarray, lis
 def said(l: np.ndarray, images: list[np.ndarray]) -> str | None:
     """What is said of the lights of these photographs."""
     scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight(-at) for at in l])
-    views = [ds.View(image, CAMERA, lit=(i,)) for i, image in enumerate(images)]
+    return said_of(scene, [ds.View(image, CAMERA, lit=(i,)) for i, image in enumerate(images)])
+
+
+def said_of(scene: ds.Scene, views: list[ds.View]) -> str | None:
+    """What is said of the lights of a scene."""
     reader = ViewReader(scene, views)
     return other_light_convention(scene, views, reader, reader.sample(LEARNING_SAMPLE))
 
@@ -63,13 +69,48 @@ def test_another_order_is_named(which):
     assert (said(l[order], images) or "").startswith(back)
 
 
+@pytest.mark.parametrize(("seed", "count"), [(0, 20), (1, 12), (2, 8)])
+def test_a_random_order_is_named(seed, count):
+    l, images = photographed(seed, 0.2, True)
+    random = np.random.default_rng(seed).permutation(count)
+    assert "the photographs do not belong to their lights" in (said(l[:count][random], images[:count]) or "")
+    assert said(l[:count], images[:count]) is None
+
+
+def test_photographs_of_unknown_exposures_raise_no_alarm():
+    l, images = photographed(3, 0.2, True)
+    brighter = np.exp(0.7 * np.random.default_rng(3).standard_normal(COUNT))
+    images = [factor * image for factor, image in zip(brighter, images, strict=True)]
+    assert said(l, images) is None
+    assert "do not belong" in (said(np.random.default_rng(4).permutation(l), images) or "")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["diligent_ball", "diligent_cat", "diligent_harvest"])
+@pytest.mark.parametrize("count", [12, None])
+def test_real_photographs_are_named_in_a_random_order_alone(name, count):
+    """What the model leaves out, as cast shadows, is no wrong order."""
+    scene, views = ds.read_photographs(measured(name), normals=False)
+    views = [views[i] for i in np.linspace(0, len(views) - 1, count or len(views)).astype(int)]
+    assert said_of(scene, views) is None
+    order = np.random.default_rng(len(views)).permutation(len(views))
+    views = [dataclasses.replace(view, lit=views[k].lit) for view, k in zip(views, order, strict=True)]
+    assert "do not belong" in (said_of(scene, views) or "")
+
+
+def test_a_vase_under_mirrored_lights_is_named():
+    """Its slopes along one axis hardly change along the other: mirrored, it is nearly that of a surface."""
+    scene, views = hollow_thing("vase", towards(12, np.random.default_rng(0)), 0.0, 0)
+    assert said_of(scene, views) is None
+    lights = [ds.DirectionalLight(np.asarray(of.direction) * (1, -1, 1)) for of in scene.lights]  # pyright: ignore[reportAttributeAccessIssue]
+    assert "with y negated" in (said_of(dataclasses.replace(scene, lights=lights), views) or "")
+
+
 def said_of_right_hollows(shape: str, k_s: float, seeds: range) -> list[str]:
     """What is said of right set-ups of a shape."""
     notes = []
     for seed in seeds:
-        scene, views = hollow_thing(shape, towards(COUNT, np.random.default_rng(seed)), k_s, seed)
-        reader = ViewReader(scene, views)
-        notes.append(other_light_convention(scene, views, reader, reader.sample(LEARNING_SAMPLE)))
+        notes.append(said_of(*hollow_thing(shape, towards(COUNT, np.random.default_rng(seed)), k_s, seed)))
     return [note for note in notes if note is not None]
 
 

@@ -68,8 +68,8 @@ def found_exposures(
     """Return how much more each photograph shows than it is said to, what they teach with that undone, and notes.
 
     None, and what was taught first, where it is not told. Each photograph must have one light of its own. Brightness is
-    believed only if photographs that are left out are clearly predicted better, and of twelve or more; of fewer a note
-    says that it differs.
+    believed only if photographs that are left out are clearly predicted better, of twelve or more, and if its error is
+    below a tenth, as photographs that err by more agree no better than equal ones; else a note says that it differs.
 
     Args:
         scene: One object and its lights.
@@ -85,20 +85,23 @@ def found_exposures(
         return None, first, ()
     rig = _Rig(scene, views, used, directions_to(scene, used, middle_of(scene)))
     as_said = Exposures(colour if coloured else np.ones_like(colour), np.maximum(np.abs(step), SLIGHT), rig.given)
+    found, vague = as_said, False
     if every >= ENOUGH:
-        found = as_said
         for free in (0.0, 1.0):  # lights that may move at once take the exposures' part
             found = _refined(found, rig, first, free * _of_directions(as_said, first.run.light_error))
         taught = _taught_with(found, rig, first)
-        if clearly_better(first.errors, taught.errors):
+        agrees = clearly_better(first.errors, taught.errors)
+        vague = agrees and bool(np.median(found.error) > SMALL)
+        if agrees and not vague:
             return found, taught, _notes_on(found, rig.given)
     if coloured:
         return as_said, _taught_with(as_said, rig, first), _notes_on(as_said, rig.given)
-    if every >= ENOUGH:
+    if every >= ENOUGH and not vague:
         return None, first, ()
+    told = f"they tell it only within {np.median(found.error):.0%}" if vague else f"fewer than {ENOUGH} do not tell it"
     text = (
         f"photographs seem to be brighter or darker than their exposures say, {_named(np.exp(step)[:, None])}, but "
-        f"fewer than {ENOUGH} do not tell by how much. State their exposures, or add photographs."
+        f"{told}: nothing was undone. State their exposures, or add photographs."
     )
     return None, first, (Note(text, "exposure"),)
 
