@@ -157,8 +157,11 @@ def of_bound(at: Linearised) -> Iterator[Case]:
 
 
 def of_black(at: Linearised) -> Iterator[Case]:
-    """Yield a level that is added to every sample."""
-    yield Case(0, np.ones((1, len(at.predicted))))
+    """Yield a level that is added to every sample, and one for each channel."""
+    even = np.ones((1, len(at.predicted)))
+    yield Case(0, even)
+    if at.set_up.channel.any():
+        yield Case(1, _of_each_channel(at, even))
 
 
 def of_floor(at: Linearised) -> Iterator[Case]:

@@ -172,10 +172,14 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
     freedom = max(float(at.count - len(directions.inside)), 1.0)
     if (shown := at.set_up.shown_beside) is not None:
         weight = float(np.median(at.weight[at.weight > 0]))
-        for of in (of for of in candidates if of.fault.beside):
-            information[np.ix_(of.of, of.of)] += weight * len(shown) / of.size**2
-            score[of.of] += weight * shown.sum() / of.size
-        squares, freedom = squares + weight * float(np.sum(shown**2)), freedom + len(shown)
+        samples, change = np.concatenate(shown), np.zeros((len(score), sum(map(len, shown))))
+        channel = np.repeat(np.arange(len(shown)), list(map(len, shown)))
+        for of in (of for of in candidates if of.fault.beside):  # a level for all channels, or one for each
+            levels = np.flatnonzero(of.of)
+            change[levels] = (np.arange(len(levels))[:, None] == channel if len(levels) > 1 else 1.0) / of.size
+        information += weight * change @ change.T
+        score += weight * change @ samples
+        squares, freedom = squares + weight * float(samples @ samples), freedom + len(samples)
     for of in (of.of for of in candidates if of.case.known):  # which the residuals need not show
         information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
     # a change is what is predicted less what is shown: at most about as large as the photographs and the residuals

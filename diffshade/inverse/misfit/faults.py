@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...core.words import listing
+from ...core.thresholds import SMALL
+from ...core.words import MAX_NAMED, listing
 from ...model.lobes import EXPONENTS, Blinn
 from . import changes, other_scenes, regional
 from .found import Fault, Found
@@ -59,6 +60,17 @@ def _of_rotation(f: Found) -> dict[str, Any]:
         "axis": _vector(f.amount / max(f.length, 1e-300), ".2g"),
         "places": listing([f"'{name}'" for name in places]),
     }
+
+
+def _of_black(f: Found) -> dict[str, Any]:
+    if not f.which:
+        return {"pixels": f"all pixels are {f.size:.2g}", "remedy": f"Give View(black={f.size:.2g})"}
+    channels, colours = f.given.scene.channels, {"r": "red", "g": "green", "b": "blue"}
+    levels = np.where(np.abs(f.amount) > SMALL * f.size, f.amount, 0.0)
+    if len(levels) > MAX_NAMED:
+        return {"pixels": f"the channels are up to {f.size:.2g}", "remedy": "Subtract the level of each channel"}
+    said = [f"{colours.get(name, name)} is {x:.2g}" for name, x in zip(channels, levels, strict=False) if x > 0.0]
+    return {"pixels": listing(said), "remedy": f"Subtract {_vector(levels, '.2g')} from the images"}
 
 
 def _vector(of: Any, form: str) -> str:
@@ -265,9 +277,11 @@ FAULTS = (
     ),
     Fault(
         "black",
-        "all pixels are {f.size:.2g} brighter than the scene says, beside the object too (a black level, or haze)",
-        "Give View(black={f.size:.2g}), or the scene's background.",
+        "{pixels} brighter than the scene says, beside the object too (a black level, or haze)",
+        "{remedy}, or give the scene its background.",
         changes.of_black,
+        words=_of_black,
+        size=lambda which, amount: float(np.max(amount)),
         plausible=(0.0, np.inf),
         beside=True,
     ),
