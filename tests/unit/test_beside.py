@@ -105,3 +105,10 @@ def test_a_level_of_one_channel_is_said_with_its_size():
     assert "blue is 0.02 brighter" in note
     assert "Subtract (0, 0, 0.02) from the images" in note
     np.testing.assert_array_less(np.abs(found.values - right.values), 2.0 * found.errors)
+
+
+def test_what_is_brighter_than_the_dark_of_the_object_is_no_level():
+    """A cloth behind it: light only adds to a black level, which the unlit side would show too."""
+    inside = clean().sum(-1) > 0
+    dark = ds.View(0.3 * clean() + 0.05 * ~inside[..., None], CAMERA, lit=(0,), mask=inside)
+    assert beside(ds.fit(standard_scene(), dark, free=("k_a", "k_d"))) is None

@@ -157,11 +157,8 @@ def of_bound(at: Linearised) -> Iterator[Case]:
 
 
 def of_black(at: Linearised) -> Iterator[Case]:
-    """Yield a level that is added to every sample, and one for each channel."""
-    even = np.ones((1, len(at.predicted)))
-    yield Case(0, even)
-    if at.set_up.channel.any():
-        yield Case(1, _of_each_channel(at, even))
+    """Yield a level that is added to every sample, one for each channel."""
+    yield Case(0, _of_each_channel(at, np.ones((1, len(at.predicted)))))
 
 
 def of_floor(at: Linearised) -> Iterator[Case]:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.thresholds import MOST, SMALL
+from ...core.thresholds import MOST, SLIGHT, SMALL
 from ..pixels.blocks import BLOCK
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
@@ -174,9 +174,8 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
         weight = float(np.median(at.weight[at.weight > 0]))
         samples, change = np.concatenate(shown), np.zeros((len(score), sum(map(len, shown))))
         channel = np.repeat(np.arange(len(shown)), list(map(len, shown)))
-        for of in (of for of in candidates if of.fault.beside):  # a level for all channels, or one for each
-            levels = np.flatnonzero(of.of)
-            change[levels] = (np.arange(len(levels))[:, None] == channel if len(levels) > 1 else 1.0) / of.size
+        for of in (of for of in candidates if of.fault.beside):  # a level for each channel
+            change[of.of] = (np.arange(len(shown))[:, None] == channel) / of.size
         information += weight * change @ change.T
         score += weight * change @ samples
         squares, freedom = squares + weight * float(samples @ samples), freedom + len(samples)
@@ -239,7 +238,8 @@ def _like_gamma(look: _Look) -> tuple[Found, ...]:
     found = []
     for one in (one for one in look.candidates if one.fault.mended is not None):
         amount = inverse(look.evidence.information[np.ix_(one.of, one.of)]) @ look.evidence.score[one.of]
-        if one.is_plausible(amount):
+        same = one.fault.kind == "distance" and abs(one.fault.size(one.case.which, amount / one.size) - 1.0) < SLIGHT
+        if one.is_plausible(amount) and not same:
             found.append(look.found(one, amount, float(amount @ look.evidence.score[one.of])))
     return tuple(found)
 

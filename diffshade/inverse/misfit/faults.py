@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.thresholds import SMALL
+from ...core.thresholds import SMALL, VAGUE
 from ...core.words import MAX_NAMED, listing
 from ...model.lobes import EXPONENTS, Blinn
 from . import changes, other_scenes, regional
@@ -63,8 +63,9 @@ def _of_rotation(f: Found) -> dict[str, Any]:
 
 
 def _of_black(f: Found) -> dict[str, Any]:
-    if not f.which:
-        return {"pixels": f"all pixels are {f.size:.2g}", "remedy": f"Give View(black={f.size:.2g})"}
+    if np.ptp(f.amount) <= VAGUE * f.size:
+        even = f"{np.mean(f.amount):.2g}"
+        return {"pixels": f"all pixels are {even}", "remedy": f"Give View(black={even})"}
     channels, colours = f.given.scene.channels, {"r": "red", "g": "green", "b": "blue"}
     levels = np.where(np.abs(f.amount) > SMALL * f.size, f.amount, 0.0)
     if len(levels) > MAX_NAMED:
@@ -225,12 +226,20 @@ FAULTS = (
     ),
     Fault(
         "distance",
-        "the lamps are {f.size:.2g} times as far away as the scene says",
+        "the lamps are {f.size:.3g} times as far away as the scene says",
         "Measure their distances again, or free 'position'.",
         other_scenes.of_distance,
         mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.farther, f.size)),
         size=lambda which, amount: 1.0 + float(amount[0]),
         plausible=(0.5, 2.0),
+    ),
+    Fault(
+        "size",
+        "the lamps are no points, but about {f.size:.2g} times as wide as they are far",
+        "Give them as ds.AreaLight, or use smaller ones.",
+        other_scenes.of_size,
+        size=lambda which, amount: float(np.sqrt(np.maximum(amount[0], 0.0))),
+        plausible=(0.0, 1.0),
     ),
     Fault(
         "ellipsoid",

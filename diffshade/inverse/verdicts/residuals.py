@@ -93,7 +93,8 @@ def _notes(
     if apart is not None and apart.is_noise:
         why, kinds, is_known = f"{apart.sentence(fit)} The errors allow for this.", ("outliers",), True
     elif better is not None:
-        why, kinds, is_known = f"{better.sentence} The errors allow for this.", (better.kind,), True
+        left = "." if better.leaves_noise else ", but what is left is no noise either: treat them as lower limits."
+        why, kinds, is_known = f"{better.sentence} The errors allow for this{left}", (better.kind,), True
     elif is_known:
         why = f"{_sentences(seen.found[:MAX_NAMED])} The errors allow for this."
     elif not seen.found:
