@@ -14,7 +14,7 @@ from ..pixels.blocks import BLOCK
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, values_at
-from .changes import Case, Move
+from .changes import Case, Move, bounded
 from .directions import Directions, changes_of
 from .faults import FAULTS
 from .found import Fault, Found
@@ -139,7 +139,7 @@ def _errors(look: _Look, found: Sequence[Found]) -> Vector:
     set_up = look.directions.at.set_up
     moves, fit = look.moves.copy(), set_up.fit
     for one in (one for one in look.candidates if one.fault.kind == "bound"):
-        moves[one.of, one.case.which] = 0.0  # which stays at its bound
+        moves[np.ix_(one.of, bounded(fit))] = 0.0  # which stay at their bounds
     away = fit.values - values_at(look.corrected[: set_up.own], fit.unknowns)
     held = np.setdiff1d(np.arange(set_up.own), look.directions.inside)
     away[held] += look.of.mean @ moves[:, held]
@@ -192,9 +192,9 @@ def _named(
     """Return the candidates to be named, with their amounts and what each explains of the squares.
 
     What shows beside the objects too comes first. Of the rest, a fault that has a name and alone explains most of what
-    all explain is next, with the others that do so nearly as well; then what is in the residuals beside it. If what all
-    explain needs none of these, the largest of what it needs follows the first: light from elsewhere looks like a lamp
-    a little to the side.
+    all explain is next, with the others that do so nearly as well, a bound before these; then what is in the residuals
+    beside it. If what all explain needs none of these, the largest of what it needs follows the first: light from
+    elsewhere looks like a lamp a little to the side.
     """
     active = [(k, of.mean[candidates[k].of], float(of.gain[k] * of.sigma2)) for k in np.flatnonzero(of.active).tolist()]
     first = [one for one in active if candidates[one[0]].fault.beside and candidates[one[0]].is_plausible(one[1])]
@@ -222,6 +222,7 @@ def _named(
     largest = max(rest, key=lambda one: one[2])
     if alone and not any(of.active[k] for k, *_ in alone):
         alone, also = [alone[0], largest, *alone[1:]], [one for one in also if one is not largest]
+    alone.sort(key=lambda one: candidates[one[0]].fault.kind != "bound")
     return [*first, *alone, *sorted(also, key=lambda one: -one[2])] or [largest]
 
 

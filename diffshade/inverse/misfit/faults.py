@@ -6,10 +6,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
-from ...core.thresholds import SMALL, VAGUE
+from ...core.thresholds import SLIGHT, SMALL, VAGUE
 from ...core.words import MAX_NAMED, listing
 from ...model.lobes import EXPONENTS, Blinn
+from ..statistics.identifiability import some_channels
+from ..unknowns.unknown import coordinate_slopes
 from . import changes, other_scenes, regional
 from .found import Fault, Found
 from .linearised import BLUR_SIGMAS
@@ -72,6 +75,23 @@ def _of_black(f: Found) -> dict[str, Any]:
         return {"pixels": f"the channels are up to {f.size:.2g}", "remedy": "Subtract the level of each channel"}
     said = [f"{colours.get(name, name)} is {x:.2g}" for name, x in zip(channels, levels, strict=False) if x > 0.0]
     return {"pixels": listing(said), "remedy": f"Subtract {_vector(levels, '.2g')} from the images"}
+
+
+def _of_bound(f: Found) -> dict[str, Any]:
+    which = beyond_bounds(f)
+    bounds = [f"{bound:.3g}" for bound in dict.fromkeys(f.given.values[which].tolist())]
+    names = some_channels(np.isin(np.arange(len(f.given.values)), which), f.given.unknowns)
+    return {"names": listing(names), "bounds": f"the bound{'s' if len(bounds) > 1 else ''} {listing(bounds)}"}
+
+
+def beyond_bounds(f: Found) -> Int[np.ndarray, " beyond"]:
+    """Return which values the photographs want beyond their bounds by more than rounding, if a fault is of these."""
+    if f.fault.kind != "bound":
+        return np.zeros(0, int)
+    which = changes.bounded(f.given)
+    beyond = f.amount / coordinate_slopes(f.given.values, f.given.unknowns)[which]
+    outwards = np.where(f.given.at_lower[which], -beyond, beyond)
+    return which[outwards > SLIGHT * np.abs(f.given.values[which])]
 
 
 def _vector(of: Any, form: str) -> str:
@@ -279,10 +299,10 @@ FAULTS = (
     ),
     Fault(
         "bound",
-        "the photographs want {name} beyond its bound {value:.3g}",
-        "Check the bound; where it is right, something else in the description is wrong.",
+        "the photographs want {names} beyond {bounds}",
+        "Check the bounds; where they are right, something else in the description is wrong.",
         changes.of_bound,
-        words=lambda f: {"name": f.given.names[f.which], "value": f.given.values[f.which]},
+        words=_of_bound,
     ),
     Fault(
         "black",
