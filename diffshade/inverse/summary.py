@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import parameter_of
-from ..core.thresholds import CLEARLY
+from ..core.robust_scale import OUTLIER
+from ..core.thresholds import CLEARLY, NEGLIGIBLE
 from ..core.words import Note, count, listing
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
@@ -101,7 +102,11 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *_repeated(problem.data.counts.repeats),
         *_clipped(problem.data.counts),
         *_beyond_memory(problem.data.counts),
-        *(_beyond_noise(rmse) if problem.data.noise_known and likelihood.loss == "squares" else []),
+        *(
+            _noise_contradicted(rmse, spread[0] - known.sum())
+            if problem.data.noise_known and likelihood.loss == "squares" and not forecast
+            else []
+        ),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]
@@ -161,7 +166,9 @@ def _evidence(
     zero, directions = null_directions(clusters.total(p) + H_0)
     regular = ~zero & ~directions.any(0)
     known = problem.data.noise_known and problem.model.likelihood.loss == "squares"
-    sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
+    sigma2 = variance(spread, int(np.sum(~found.at_bound)))
+    if known and sigma2 <= CLEARLY**2:  # residuals that are clearly larger are what the errors have to contain
+        sigma2 = 1.0
     of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
     evidence = Evidence(clusters, *of)
     if rounded is not None:
@@ -272,11 +279,17 @@ def _beyond_memory(counts: Counts) -> Iterator[Note]:
         yield Note(text, "memory")
 
 
-def _beyond_noise(rmse: float) -> Iterator[Note]:
-    """Say that the residuals exceed the given noise, from which the errors follow."""
+def _noise_contradicted(rmse: float, freedom: float) -> Iterator[Note]:
+    """Say that the residuals are clearly larger than the given noise, or smaller, as chance does not make them.
+
+    Of pictures without noise nothing is said: theirs may stand for that of photographs to come.
+    """
     if rmse > CLEARLY:
-        wrong = "the model or the minimum is wrong, or the noise is larger"
+        wrong = "the noise is larger, or the model or the minimum is wrong. The errors are by the residuals"
         yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "beyond noise")
+    elif NEGLIGIBLE < rmse < 1.0 / CLEARLY and 1.0 - rmse > OUTLIER / np.sqrt(2.0 * max(freedom, 1.0)):
+        wrong = "it is stated too large, and so are the errors. Give View.noise as it is, or leave it to the fit"
+        yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "below noise")
 
 
 def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found: _Values) -> Iterator[Note]:
