@@ -20,6 +20,7 @@ from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
 from .hidden_highlights import hidden_highlights, hidden_notes
 from .laid_out import LaidOut
+from .problem import FitProblem
 from .result import Fit
 from .solve.interchangeable import note_order
 from .solve.solvers import Minimum
@@ -65,7 +66,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         FloatingPointError: Where a value or the cost is not finite.
     """
     problem = laid.problem
-    scene, views, unknowns, likelihood = problem.scene, problem.data.views, problem.unknowns, problem.model.likelihood
+    scene, views, unknowns = problem.scene, problem.data.views, problem.unknowns
     found, spread = _values_at(end, unknowns), spread_at(end, laid)
     rounded = None if forecast else rounded_at(end, laid, spread)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
@@ -102,11 +103,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *_repeated(problem.data.counts.repeats),
         *_clipped(problem.data.counts),
         *_beyond_memory(problem.data.counts),
-        *(
-            _noise_contradicted(rmse, spread[0] - known.sum())
-            if problem.data.noise_known and likelihood.loss == "squares" and not forecast
-            else []
-        ),
+        *(_noise_contradicted(rmse, spread[0] - known.sum()) if _is_noise_known(problem) and not forecast else []),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]
@@ -165,9 +162,10 @@ def _evidence(
     clusters = point.views.together(groups, p).scaled(slope)
     zero, directions = null_directions(clusters.total(p) + H_0)
     regular = ~zero & ~directions.any(0)
-    known = problem.data.noise_known and problem.model.likelihood.loss == "squares"
     sigma2 = variance(spread, int(np.sum(~found.at_bound)))
-    if known and sigma2 <= CLEARLY**2:  # residuals that are clearly larger are what the errors have to contain
+    if (
+        _is_noise_known(problem) and sigma2 <= CLEARLY**2
+    ):  # residuals that are clearly larger are what the errors have to contain
         sigma2 = 1.0
     of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
     evidence = Evidence(clusters, *of)
@@ -176,6 +174,11 @@ def _evidence(
         waves = np.array([waves[group].sum(0) for group in groups])
         evidence = dataclasses.replace(evidence, waves=waves, shared=rounded.shared, steps=str(rounded.rounding))
     return evidence, groups, (zero, directions)
+
+
+def _is_noise_known(problem: FitProblem) -> bool:
+    """Whether the errors follow from a noise that is stated."""
+    return problem.data.noise_known and problem.model.likelihood.loss == "squares"
 
 
 def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[np.ndarray, "m p"]:
