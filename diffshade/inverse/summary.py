@@ -163,9 +163,7 @@ def _evidence(
     zero, directions = null_directions(clusters.total(p) + H_0)
     regular = ~zero & ~directions.any(0)
     sigma2 = variance(spread, int(np.sum(~found.at_bound)))
-    if (
-        _is_noise_known(problem) and sigma2 <= CLEARLY**2
-    ):  # residuals that are clearly larger are what the errors have to contain
+    if _is_noise_known(problem) and sigma2 <= CLEARLY**2:  # else the errors are by the residuals
         sigma2 = 1.0
     of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
     evidence = Evidence(clusters, *of)
