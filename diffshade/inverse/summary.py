@@ -103,7 +103,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *_repeated(problem.data.counts.repeats),
         *_clipped(problem.data.counts),
         *_beyond_memory(problem.data.counts),
-        *(_noise_contradicted(rmse, spread[0] - known.sum()) if _is_noise_known(problem) and not forecast else []),
+        *([] if forecast else _noise_contradicted(_is_noise_known(problem), rmse, float(spread[0]), evidence.sigma2)),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]
@@ -163,7 +163,8 @@ def _evidence(
     zero, directions = null_directions(clusters.total(p) + H_0)
     regular = ~zero & ~directions.any(0)
     sigma2 = variance(spread, int(np.sum(~found.at_bound)))
-    if _is_noise_known(problem) and sigma2 <= CLEARLY**2:  # else the errors are by the residuals
+    held = any(u.prior is not None for u in problem.unknowns)  # priors that are wrong make residuals too
+    if _is_noise_known(problem) and (held or sigma2 <= CLEARLY**2):  # else the errors are by the residuals
         sigma2 = 1.0
     of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
     evidence = Evidence(clusters, *of)
@@ -280,15 +281,18 @@ def _beyond_memory(counts: Counts) -> Iterator[Note]:
         yield Note(text, "memory")
 
 
-def _noise_contradicted(rmse: float, freedom: float) -> Iterator[Note]:
+def _noise_contradicted(stated: bool, rmse: float, samples: float, sigma2: float) -> Iterator[Note]:
     """Say that the residuals are clearly larger than the given noise, or smaller, as chance does not make them.
 
     Of pictures without noise nothing is said: theirs may stand for that of photographs to come.
     """
+    if not stated:
+        return
     if rmse > CLEARLY:
-        wrong = "the noise is larger, or the model or the minimum is wrong. The errors are by the residuals"
+        by = "by the residuals" if sigma2 > 1.0 else "by the given noise, and too small by as much if it is larger"
+        wrong = f"the noise is larger, or the model, a prior or the minimum is wrong. The errors are {by}"
         yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "beyond noise")
-    elif NEGLIGIBLE < rmse < 1.0 / CLEARLY and 1.0 - rmse > OUTLIER / np.sqrt(2.0 * max(freedom, 1.0)):
+    elif NEGLIGIBLE < rmse < 1.0 / CLEARLY and 1.0 - rmse > OUTLIER / np.sqrt(2.0 * samples):
         wrong = "it is stated too large, and so are the errors. Give View.noise as it is, or leave it to the fit"
         yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "below noise")
 
