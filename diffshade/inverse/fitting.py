@@ -40,6 +40,8 @@ DERIVATIVES = "Fit outside; for derivatives, call ds.sensitivity(fit, name) or d
 CLIPPED = ("hinge", "tobit", "exclude")
 MEMORY = 4e9  # bytes that the pixels of a fit may take laid out
 
+A_SCENE = "Scene(Object(Sphere()), PointLight((2, 3, 4)))"
+
 
 def fit(
     scene: Scene,
@@ -122,8 +124,11 @@ def fit(
         FloatingPointError: Where the scene gives no finite image.
         RuntimeError: Where this jaxlib adds up wrongly.
     """
+    check_kind("scene", scene, Scene, A_SCENE)
+    if not isinstance(views, View | Iterable):
+        raise TypeError(f"views must be a View, or several; got {views!r}. Give for example [View(image, camera)].")
     views = (views,) if isinstance(views, View) else tuple(views)
-    constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
+    constraints = (constraints,) if isinstance(constraints, Grey | Proportional | str) else tuple(constraints)
     loss = "squares" if loss is None else loss
     check_choices(scene, views, constraints, loss, clipped, start)
     check_scale(memory, devices)
@@ -221,7 +226,7 @@ def check_choices(
     """Refuse arguments of a wrong type, and choices that do not exist."""
     if not views:
         raise ValueError("fit needs at least one view; got none. Give a View for each photograph.")
-    check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
+    check_kind("scene", scene, Scene, A_SCENE)
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
     refuse_traced("a fit", DERIVATIVES, scene=scene, views=tuple(views))

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import parameter_of
-from ..core.thresholds import CLEARLY
+from ..core.robust_scale import OUTLIER
+from ..core.thresholds import CLEARLY, NEGLIGIBLE
 from ..core.words import Note, count, listing
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
@@ -19,6 +20,7 @@ from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
 from .hidden_highlights import hidden_highlights, hidden_notes
 from .laid_out import LaidOut
+from .problem import FitProblem
 from .result import Fit
 from .solve.interchangeable import note_order
 from .solve.solvers import Minimum
@@ -64,7 +66,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         FloatingPointError: Where a value or the cost is not finite.
     """
     problem = laid.problem
-    scene, views, unknowns, likelihood = problem.scene, problem.data.views, problem.unknowns, problem.model.likelihood
+    scene, views, unknowns = problem.scene, problem.data.views, problem.unknowns
     found, spread = _values_at(end, unknowns), spread_at(end, laid)
     rounded = None if forecast else rounded_at(end, laid, spread)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
@@ -101,7 +103,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *_repeated(problem.data.counts.repeats),
         *_clipped(problem.data.counts),
         *_beyond_memory(problem.data.counts),
-        *(_beyond_noise(rmse) if problem.data.noise_known and likelihood.loss == "squares" else []),
+        *([] if forecast else _noise_contradicted(_is_noise_known(problem), rmse, float(spread[0]), evidence.sigma2)),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]
@@ -160,8 +162,10 @@ def _evidence(
     clusters = point.views.together(groups, p).scaled(slope)
     zero, directions = null_directions(clusters.total(p) + H_0)
     regular = ~zero & ~directions.any(0)
-    known = problem.data.noise_known and problem.model.likelihood.loss == "squares"
-    sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
+    sigma2 = variance(spread, int(np.sum(~found.at_bound)))
+    held = any(u.prior is not None for u in problem.unknowns)  # priors that are wrong make residuals too
+    if _is_noise_known(problem) and (held or sigma2 <= CLEARLY**2):  # else the errors are by the residuals
+        sigma2 = 1.0
     of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
     evidence = Evidence(clusters, *of)
     if rounded is not None:
@@ -169,6 +173,11 @@ def _evidence(
         waves = np.array([waves[group].sum(0) for group in groups])
         evidence = dataclasses.replace(evidence, waves=waves, shared=rounded.shared, steps=str(rounded.rounding))
     return evidence, groups, (zero, directions)
+
+
+def _is_noise_known(problem: FitProblem) -> bool:
+    """Whether the errors follow from a noise that is stated."""
+    return problem.data.noise_known and problem.model.likelihood.loss == "squares"
 
 
 def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[np.ndarray, "m p"]:
@@ -272,11 +281,20 @@ def _beyond_memory(counts: Counts) -> Iterator[Note]:
         yield Note(text, "memory")
 
 
-def _beyond_noise(rmse: float) -> Iterator[Note]:
-    """Say that the residuals exceed the given noise, from which the errors follow."""
+def _noise_contradicted(stated: bool, rmse: float, samples: float, sigma2: float) -> Iterator[Note]:
+    """Say that the residuals are clearly larger than the given noise, or smaller, as chance does not make them.
+
+    Of pictures without noise nothing is said: theirs may stand for that of photographs to come.
+    """
+    if not stated:
+        return
     if rmse > CLEARLY:
-        wrong = "the model or the minimum is wrong, or the noise is larger"
+        by = "by the residuals" if sigma2 > 1.0 else "by the given noise, and too small by as much if it is larger"
+        wrong = f"the noise is larger, or the model, a prior or the minimum is wrong. The errors are {by}"
         yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "beyond noise")
+    elif NEGLIGIBLE < rmse < 1.0 / CLEARLY and 1.0 - rmse > OUTLIER / np.sqrt(2.0 * samples):
+        wrong = "it is stated too large, and so are the errors. Give View.noise as it is, or leave it to the fit"
+        yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "below noise")
 
 
 def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found: _Values) -> Iterator[Note]:

@@ -32,9 +32,9 @@ from diffshade.inverse.statistics.identifiability import (
 )
 from diffshade.inverse.summary import (
     _at_bounds,
-    _beyond_noise,
     _clipped,
     _jumps,
+    _noise_contradicted,
     _repeated,
     _scales,
     _too_bright,
@@ -196,8 +196,13 @@ def test_what_else_a_fit_says():
     assert "k_d.r and k_d.b are above 1" in next(_too_bright(unknowns, values, known))
     assert "k_d.b is above 1: more light leaves" in next(_too_bright(unknowns, values, known & (np.arange(6) > 0)))
     assert not list(_too_bright(unknowns, np.ones(6), known))
-    assert not list(_beyond_noise(1.4))
-    assert "1.6 times the given noise" in next(_beyond_noise(1.6))
+    assert not [note for rmse in (0.7, 1.4, 1e-6) for note in _noise_contradicted(True, rmse, 1000.0, 1.0)]
+    assert not list(_noise_contradicted(False, 1.6, 1000.0, 2.56))
+    assert not list(_noise_contradicted(True, 0.6, 10.0, 1.0))  # as few samples happen to have
+    assert "1.6 times the given noise" in next(_noise_contradicted(True, 1.6, 1000.0, 1.0))
+    by = [str(next(_noise_contradicted(True, 1.6, 1000.0, sigma2))) for sigma2 in (1.0, 2.56)]
+    assert ["by the residuals" in said for said in by] == [False, True]
+    assert "0.6 times the given noise: it is stated too large" in next(_noise_contradicted(True, 0.6, 1000.0, 1.0))
     assert not list(_clipped(Counts(1, 9, 27, 0, 0)))
     assert "uses 1 clipped sample as limits" in next(_clipped(Counts(1, 9, 27, 1, 0)))
     assert "excludes 1,200 clipped samples" in next(_clipped(Counts(1, 9, 27, 3, 1200)))

@@ -115,3 +115,27 @@ def test_a_lamp_where_the_object_is_and_one_whose_light_does_not_arrive_stay():
     here = ds.PointLight((0.0, 0.0, 0.0))
     for power in (0, 2):
         assert falling(power, here, np.zeros(3)) is here
+
+
+@pytest.mark.thorough
+def test_lamps_that_are_no_points_are_named_with_their_width():
+    """Of 0.6 by 0.6 at a distance of 3: as ds.AreaLight they are right, and as points too sharp."""
+    places = np.array([[1.5, 1.0, 2.5], [-1.5, 1.0, 2.5], [0.0, 2.0, 2.5]])
+    ball, law = scene().objects, ds.RadialAttenuation(0, 0, 1)
+    wide, points = [], []
+    for at in places:
+        u, v = 0.6 * np.linalg.svd(at[None])[2][1:]
+        u, v = (u, v) if np.dot(np.cross(u, v), at) < 0 else (v, u)
+        wide.append(ds.AreaLight(at - 0.5 * (u + v), u, v, intensity=6.0, exponent=0, attenuation=law))
+        points.append(ds.PointLight(at, 6.0, law))
+    random = np.random.default_rng(1)
+    views = []
+    for i in range(len(places)):
+        image = np.asarray(ds.render(ds.Scene(ball, wide[i]), VIEW.camera))
+        views.append(ds.View(image + 0.003 * random.standard_normal(image.shape), VIEW.camera, lit=(i,)))
+    fit = ds.fit(ds.Scene(ball, points), views, free=("k_a", "k_d", "k_s", "n_s"))
+    (note,) = (note for note in fit.notes if note.kind == "cause")
+    assert note.names == ("size",)
+    assert "about 0.2 times as wide" in note or "about 0.19 times as wide" in note
+    true = np.concatenate([OF["k_a"], OF["k_d"], [OF["k_s"]] * 3, [OF["n_s"]]])
+    np.testing.assert_array_less(np.abs(fit.values - true), 3.0 * fit.errors)

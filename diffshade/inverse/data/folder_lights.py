@@ -117,6 +117,8 @@ def _rows(
                 f"{path} must have {' or '.join(map(str, widths))} numbers a line; got {len(row)} on line {number}. "
                 "Correct that line."
             )
+        if np.isnan(row).any():
+            raise ValueError(f"{path} must hold numbers only: got nan on line {number}. Correct that line.")
         rows.append(row)
     return np.array(rows), [number for number, _ in lines]
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.masks import Mask, as_mask
+from ...core.thresholds import SLIGHT
 from ...core.words import count
 from ...io.images import ReadAs, read_mask
 from ...model.cameras import OrthographicCamera
@@ -132,10 +133,11 @@ def read_folder(
     known = _normals(listed, inside.shape) if read_normals else np.broadcast_to((0.0, 0.0, 1.0), (*inside.shape, 3))
     flat = _flat(camera) if np.isfinite(of.distances).any() else None
     lamps = [of.lamp(i, float(camera.height)) for i in first]
+    surface = _surface(listed, known, flat, inside, mask)
     for note in (*listed.notes, *of.notes, *exposed, *photographs.notes):
         _LOGGER.warning("%s: %s", folder, note)
     return PhotographFolder(
-        scene=Scene(Object(GBuffer(known, flat, inside), Material()), lamps),
+        scene=Scene(Object(surface, Material()), lamps),
         views=tuple(views),
         names=tuple(listed.names[i] for i in first),
         read_as=tuple(photographs.read_as[i] for i in first),
@@ -143,6 +145,21 @@ def read_folder(
         distances=of.distances[first],
         has_normals=listed.normals is not None,
     )
+
+
+def _surface(listed: Listing, normals: np.ndarray, points: np.ndarray | None, inside: Mask, mask: Any) -> GBuffer:
+    """Return what the photographs show; where its normals are wrong, say in which file and what they look like."""
+    try:
+        return GBuffer(normals, points, inside)
+    except ValueError as error:
+        of_mask = listed.mask_file() if mask is None else mask if isinstance(mask, str | Path) else "the given one"
+        there, shown = normals[inside], np.any(normals != 0.0, -1)
+        said = f"{error}"
+        if not shown[inside].any() and shown.any():
+            said = f"there are none inside the mask, {of_mask}, but outside of it: it is inverted. Invert it"
+        elif np.allclose(np.linalg.norm(2.0 * there - 1.0, axis=-1), 1.0, atol=SLIGHT):
+            said = "they are stored from 0 to 1, as in pictures. Write 2 n - 1"
+        raise ValueError(f"{listed.normals or listed.folder}: {said.rstrip('.')}.") from None
 
 
 def _flat(camera: OrthographicCamera) -> Float[np.ndarray, "h w 3"]:

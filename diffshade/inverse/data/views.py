@@ -172,6 +172,11 @@ class View(Checked):
         check_kind("View.camera", self.camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
         image, shape = self.image, self.camera.shape
         check_floats("View.image", image.dtype)
+        if image.ndim == 3 and image.shape[1:] == shape and image.shape[:2] != shape:
+            raise ValueError(
+                f"View.image must have its channels last, shape {(*shape, image.shape[0])}; got {image.shape}. Move "
+                "the colours to the last axis: np.moveaxis(image, 0, -1)."
+            )
         if image.ndim != 3 or not 1 <= image.shape[2] <= MOST_BANDS:
             raise ValueError(
                 f"View.image must have shape (H, W), or (H, W, C) with 1 to 4 channels, or one for each band of a "
@@ -179,6 +184,11 @@ class View(Checked):
                 "bands."
             )
         if image.shape[:2] != shape:
+            if image.shape[1::-1] == shape:
+                raise ValueError(
+                    f"View.image must have the camera's shape {shape}; got {image.shape[:2]}: one of the two is "
+                    f"transposed. Give np.swapaxes(image, 0, 1), or the camera shape={image.shape[:2]}."
+                )
             raise ValueError(
                 f"View.image must have the camera's shape {shape}; got {image.shape[:2]}. "
                 f"Give the camera shape={image.shape[:2]}."

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.polynomial import legendre
 
 from ...core.robust_scale import OUTLIER
@@ -150,15 +150,19 @@ def of_blur(at: Linearised) -> Iterator[Case]:
 
 
 def of_bound(at: Linearised) -> Iterator[Case]:
-    """Yield the change by each value at a bound other than 0, which the photographs may want beyond it."""
-    fit = at.set_up.fit
-    for j in np.flatnonzero(fit.at_bound & (fit.values != 0.0)).tolist():
-        yield Case(j, at.jacobian[[j]].toarray())
+    """Yield the changes by the values at bounds other than 0, which the photographs may want beyond them."""
+    if len(which := bounded(at.set_up.fit)):
+        yield Case(0, at.jacobian[which].toarray())
+
+
+def bounded(fit: Fit) -> Int[np.ndarray, " bounded"]:
+    """Return which values are at a bound other than 0."""
+    return np.flatnonzero(fit.at_bound & (fit.values != 0.0))
 
 
 def of_black(at: Linearised) -> Iterator[Case]:
-    """Yield a level that is added to every sample."""
-    yield Case(0, np.ones((1, len(at.predicted))))
+    """Yield a level that is added to every sample, one for each channel."""
+    yield Case(0, _of_each_channel(at, np.ones((1, len(at.predicted)))))
 
 
 def of_floor(at: Linearised) -> Iterator[Case]:

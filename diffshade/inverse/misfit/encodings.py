@@ -14,13 +14,16 @@ from ...io.encodings import srgb_decode, srgb_encode
 from ...model.scenes import Scene
 from ..data.samples import Samples, SensorRange
 from ..forward.losses import LOSSES
+from ..laid_out import LaidOut
 from ..pixels.blocks import MANY
 from ..result import Fit
+from ..solve.solvers import Minimum
 from ..solving import solve_again
 from ..statistics.uncertainty import Vector
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
 from .found import Found
+from .noise_tests import FALSE_ALARM, leftovers, whiteness
 from .regional import MIN_AGREEMENT
 
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -34,6 +37,13 @@ class Mended:
     sentence: str
     values: Vector | None
     """The fit's numbers with the images' encoding corrected; None of other lamps, whose strength is not known."""
+    refitted: tuple[LaidOut, Minimum]
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether noise alone is left with it corrected."""
+        laid, end = self.refitted
+        return whiteness(leftovers(laid, end.theta)).p_value > FALSE_ALARM
 
 
 def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Mended | None:
@@ -49,18 +59,20 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Men
     """
     before = _misfits(fit, _linear)
 
-    def tried(kind: str, what: str, remedy: str, again: Fit, curve: Curve) -> tuple[np.ndarray, Mended]:
-        after = _misfits(again, curve)
-        rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.3g}" for of in (after, before)]
-        values = None if curve is _linear else again.values
-        return after, Mended(kind, f"{what} with RMSE {' instead of '.join(rmse)}. {remedy}", values)
+    def tried(kind: str, what: str, remedy: str, scene: Scene, to: Curve, back: Curve) -> tuple[np.ndarray, Mended]:
+        again, refitted = _refitted(fit, scene, to)
+        after = _misfits(again, back)
+        rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.4g}" for of in (after, before)]
+        values = None if to is _linear else again.values
+        return after, Mended(kind, f"{what} with RMSE {' instead of '.join(rmse)}. {remedy}", values, refitted)
 
     curves = [
         tried(
             "encoding",
             f"the images seem to be {what}, they fit",
             f"Read them with ds.read_image(path, srgb={to is srgb_decode}).",
-            _refitted(fit, fit.scene, to),
+            fit.scene,
+            to,
             back,
         )
         for to, back, what in (
@@ -73,7 +85,8 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Men
             found.fault.kind,
             f"{what}: so they fit",
             remedy,
-            _refitted(fit, found.fault.mended(found), _linear),
+            found.fault.mended(found),
+            _linear,
             _linear,
         )
         for found in others
@@ -91,17 +104,17 @@ def _cost(tried: tuple[np.ndarray, Mended]) -> float:
     return float(tried[0][:, 0].sum())
 
 
-def _refitted(fit: Fit, scene: Scene, curve: Curve) -> Fit:
-    """Return a fit with the scene and views that are found where the images go through a curve."""
+def _refitted(fit: Fit, scene: Scene, curve: Curve) -> tuple[Fit, tuple[LaidOut, Minimum]]:
+    """Return a fit with the scene and views that are found where the images go through a curve, and its minimum."""
     data = fit.solved.problem.data.part(MANY)
     samples = [_through(curve, s) for s in data.samples]
     views = tuple(dataclasses.replace(view, noise=None) for view in fit.views)
     clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
     data = dataclasses.replace(data.with_samples(samples), views=views, clipped=clipped)
-    _, end = solve_again(fit.solved.problem, scene, data, fit.solved.theta)
+    laid, end = solve_again(fit.solved.problem, scene, data, fit.solved.theta)
     values = values_at(end.theta, fit.unknowns)
     drawn, seen = put_back(scene, fit.views, fit.unknowns, values)
-    return dataclasses.replace(fit, solved=fit.solved.drawn_as(drawn, seen), values=values)
+    return dataclasses.replace(fit, solved=fit.solved.drawn_as(drawn, seen), values=values), (laid, end)
 
 
 def _linear(image: np.ndarray) -> np.ndarray:

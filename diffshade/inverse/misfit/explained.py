@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.thresholds import MOST, SMALL
+from ...core.thresholds import MOST, SLIGHT, SMALL
 from ..pixels.blocks import BLOCK
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, values_at
-from .changes import Case, Move
+from .changes import Case, Move, bounded
 from .directions import Directions, changes_of
 from .faults import FAULTS
 from .found import Fault, Found
@@ -139,7 +139,7 @@ def _errors(look: _Look, found: Sequence[Found]) -> Vector:
     set_up = look.directions.at.set_up
     moves, fit = look.moves.copy(), set_up.fit
     for one in (one for one in look.candidates if one.fault.kind == "bound"):
-        moves[one.of, one.case.which] = 0.0  # which stays at its bound
+        moves[np.ix_(one.of, bounded(fit))] = 0.0  # which stay at their bounds
     away = fit.values - values_at(look.corrected[: set_up.own], fit.unknowns)
     held = np.setdiff1d(np.arange(set_up.own), look.directions.inside)
     away[held] += look.of.mean @ moves[:, held]
@@ -172,10 +172,13 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
     freedom = max(float(at.count - len(directions.inside)), 1.0)
     if (shown := at.set_up.shown_beside) is not None:
         weight = float(np.median(at.weight[at.weight > 0]))
-        for of in (of for of in candidates if of.fault.beside):
-            information[np.ix_(of.of, of.of)] += weight * len(shown) / of.size**2
-            score[of.of] += weight * shown.sum() / of.size
-        squares, freedom = squares + weight * float(np.sum(shown**2)), freedom + len(shown)
+        samples, change = np.concatenate(shown), np.zeros((len(score), sum(map(len, shown))))
+        channel = np.repeat(np.arange(len(shown)), list(map(len, shown)))
+        for of in (of for of in candidates if of.fault.beside):  # a level for each channel
+            change[of.of] = (np.arange(len(shown))[:, None] == channel) / of.size
+        information += weight * change @ change.T
+        score += weight * change @ samples
+        squares, freedom = squares + weight * float(samples @ samples), freedom + len(samples)
     for of in (of.of for of in candidates if of.case.known):  # which the residuals need not show
         information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
     # a change is what is predicted less what is shown: at most about as large as the photographs and the residuals
@@ -189,9 +192,9 @@ def _named(
     """Return the candidates to be named, with their amounts and what each explains of the squares.
 
     What shows beside the objects too comes first. Of the rest, a fault that has a name and alone explains most of what
-    all explain is next, with the others that do so nearly as well; then what is in the residuals beside it. If what all
-    explain needs none of these, the largest of what it needs follows the first: light from elsewhere looks like a lamp
-    a little to the side.
+    all explain is next, with the others that do so nearly as well, a bound before these; then what is in the residuals
+    beside it. If what all explain needs none of these, the largest of what it needs follows the first: light from
+    elsewhere looks like a lamp a little to the side.
     """
     active = [(k, of.mean[candidates[k].of], float(of.gain[k] * of.sigma2)) for k in np.flatnonzero(of.active).tolist()]
     first = [one for one in active if candidates[one[0]].fault.beside and candidates[one[0]].is_plausible(one[1])]
@@ -219,6 +222,7 @@ def _named(
     largest = max(rest, key=lambda one: one[2])
     if alone and not any(of.active[k] for k, *_ in alone):
         alone, also = [alone[0], largest, *alone[1:]], [one for one in also if one is not largest]
+    alone.sort(key=lambda one: candidates[one[0]].fault.kind != "bound")
     return [*first, *alone, *sorted(also, key=lambda one: -one[2])] or [largest]
 
 
@@ -235,7 +239,8 @@ def _like_gamma(look: _Look) -> tuple[Found, ...]:
     found = []
     for one in (one for one in look.candidates if one.fault.mended is not None):
         amount = inverse(look.evidence.information[np.ix_(one.of, one.of)]) @ look.evidence.score[one.of]
-        if one.is_plausible(amount):
+        same = one.fault.kind == "distance" and abs(one.fault.size(one.case.which, amount / one.size) - 1.0) < SLIGHT
+        if one.is_plausible(amount) and not same:
             found.append(look.found(one, amount, float(amount @ look.evidence.score[one.of])))
     return tuple(found)
 

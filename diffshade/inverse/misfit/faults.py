@@ -6,9 +6,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
-from ...core.words import listing
+from ...core.thresholds import SLIGHT, SMALL, VAGUE
+from ...core.words import MAX_NAMED, listing
 from ...model.lobes import EXPONENTS, Blinn
+from ..statistics.identifiability import some_channels
+from ..unknowns.unknown import coordinate_slopes
 from . import changes, other_scenes, regional
 from .found import Fault, Found
 from .linearised import BLUR_SIGMAS
@@ -63,6 +67,35 @@ def _of_rotation(f: Found) -> dict[str, Any]:
         "axis": _vector(f.amount / max(f.length, 1e-300), ".2g"),
         "places": listing([f"'{name}'" for name in places]),
     }
+
+
+def _of_black(f: Found) -> dict[str, Any]:
+    if np.ptp(f.amount) <= VAGUE * f.size:
+        even = f"{np.mean(f.amount):.2g}"
+        return {"pixels": f"all pixels are {even}", "remedy": f"Give View(black={even})"}
+    channels, colours = f.given.scene.channels, {"r": "red", "g": "green", "b": "blue"}
+    levels = np.where(np.abs(f.amount) > SMALL * f.size, f.amount, 0.0)
+    if len(levels) > MAX_NAMED:
+        return {"pixels": f"the channels are up to {f.size:.2g}", "remedy": "Subtract the level of each channel"}
+    said = [f"{colours.get(name, name)} is {x:.2g}" for name, x in zip(channels, levels, strict=False) if x > 0.0]
+    return {"pixels": listing(said), "remedy": f"Subtract {_vector(levels, '.2g')} from the images"}
+
+
+def _of_bound(f: Found) -> dict[str, Any]:
+    which = beyond_bounds(f)
+    bounds = [f"{bound:.3g}" for bound in dict.fromkeys(f.given.values[which].tolist())]
+    names = some_channels(np.isin(np.arange(len(f.given.values)), which), f.given.unknowns)
+    return {"names": listing(names), "bounds": f"the bound{'s' if len(bounds) > 1 else ''} {listing(bounds)}"}
+
+
+def beyond_bounds(f: Found) -> Int[np.ndarray, " beyond"]:
+    """Return which values the photographs want beyond their bounds by more than rounding, if a fault is of these."""
+    if f.fault.kind != "bound":
+        return np.zeros(0, int)
+    which = changes.bounded(f.given)
+    beyond = f.amount / coordinate_slopes(f.given.values, f.given.unknowns)[which]
+    outwards = np.where(f.given.at_lower[which], -beyond, beyond)
+    return which[outwards > SLIGHT * np.abs(f.given.values[which])]
 
 
 def _vector(of: Any, form: str) -> str:
@@ -225,12 +258,20 @@ FAULTS = (
     ),
     Fault(
         "distance",
-        "the lamps are {f.size:.2g} times as far away as the scene says",
+        "the lamps are {f.size:.3g} times as far away as the scene says",
         "Measure their distances again, or free 'position'.",
         other_scenes.of_distance,
         mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.farther, f.size)),
         size=lambda which, amount: 1.0 + float(amount[0]),
         plausible=(0.5, 2.0),
+    ),
+    Fault(
+        "size",
+        "the lamps are no points, but about {f.size:.2g} times as wide as they are far",
+        "Give them as ds.AreaLight, or use smaller ones.",
+        other_scenes.of_size,
+        size=lambda which, amount: float(np.sqrt(np.maximum(amount[0], 0.0))),
+        plausible=(0.0, 1.0),
     ),
     Fault(
         "ellipsoid",
@@ -270,16 +311,18 @@ FAULTS = (
     ),
     Fault(
         "bound",
-        "the photographs want {name} beyond its bound {value:.3g}",
-        "Check the bound; where it is right, something else in the description is wrong.",
+        "the photographs want {names} beyond {bounds}",
+        "Check the bounds; where they are right, something else in the description is wrong.",
         changes.of_bound,
-        words=lambda f: {"name": f.given.names[f.which], "value": f.given.values[f.which]},
+        words=_of_bound,
     ),
     Fault(
         "black",
-        "all pixels are {f.size:.2g} brighter than the scene says, beside the object too (a black level, or haze)",
-        "Give View(black={f.size:.2g}), or the scene's background.",
+        "{pixels} brighter than the scene says, beside the object too (a black level, or haze)",
+        "{remedy}, or give the scene its background.",
         changes.of_black,
+        words=_of_black,
+        size=lambda which, amount: float(np.max(amount)),
         plausible=(0.0, np.inf),
         beside=True,
     ),

@@ -33,7 +33,6 @@ from ..pixels.blocks import chunks as in_chunks
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
 CELLS, SIZES = 16, 3  # cells along each side of the object, which are joined to 8 and to 4
 BINS = CELLS  # of equally many pixels, by brightness
-THIRDS = 3  # of the channels: what moves one colour up and another down is not in the sum of all
 
 
 class Footprint:
@@ -90,7 +89,7 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     lengths = [[len(part.pixels) for part in of] for of in in_chunks(laid.parts)]
     starts = np.cumsum([0, *map(sum, lengths)])
     channels, at = laid.chunks[0].observed.target.shape[1], laid.task.with_padding(theta)
-    planes = np.empty((2 + THIRDS * (channels >= THIRDS), starts[-1]), np.float32)
+    planes = np.empty((2 + len(_thirds(channels)), starts[-1]), np.float32)
 
     def fill(k: int) -> None:
         of_chunk = _residuals(at, units, laid.task.padded_model, laid.chunks[k])
@@ -110,6 +109,11 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     return left
 
 
+def _thirds(channels: int) -> list[slice]:
+    """Return thirds of the channels: what moves one colour up and another down is not in the sum of all."""
+    return [slice(k * channels // 3, (k + 1) * channels // 3) for k in range(3)] if channels >= 3 else []
+
+
 @partial(jit_quickly, options=PLAINLY)
 def _residuals(
     theta: Array, units: tuple[Array, Array], model: AbstractForwardModel, chunk: Block
@@ -124,8 +128,7 @@ def _residuals(
         terms = costs(model.likelihood, m, dataclasses.replace(block.observed, weight=weight))
         residual = [t.slope / jnp.sqrt(jnp.where(t.curvature > 0, t.curvature, 1.0)) for t in terms]
         light = sum(jnp.where(w > 0, of, 0.0) for of, w in zip(m, weight, strict=True))
-        ends = [k * len(residual) // THIRDS for k in range(THIRDS + 1)] if len(residual) >= THIRDS else []
-        by_colour = [sum(residual[first:end]) / units[0] for first, end in itertools.pairwise(ends)]
+        by_colour = [sum(residual[third]) / units[0] for third in _thirds(len(residual))]
         return tuple(jnp.astype(of, np.float32) for of in (sum(residual) / units[0], light / units[1], *by_colour))
 
     return jax.lax.map(of_block, chunk)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.fields import Array
-from ...core.thresholds import MOST, SINGLE, SLIGHT
+from ...core.thresholds import MOST, SINGLE, SLIGHT, SMALL
 from ...model.attenuation import AbstractAttenuation, RadialAttenuation
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
@@ -72,6 +72,26 @@ def of_attenuation(at: Linearised) -> Iterator[Case]:
 def of_distance(at: Linearised) -> Iterator[Case]:
     """Yield lamps that are all farther by the same factor, and as strong where the object is."""
     yield from _of_lamps(at, 0, partial(farther, 1.0 + STEP), STEP)
+
+
+def of_size(at: Linearised) -> Iterator[Case]:
+    """Yield square lamps, as wide as they are far.
+
+    To the first order in the square of its width such light is the mean of that of the lamp moved to four sides, so far
+    that where its light ends on the object is drawn as gradual as that of a usual lamp is.
+    """
+    lamps = any(isinstance(light, AbstractLamp) for light in at.fit.scene.lights)
+    if at.drawable and lamps and at.light.any():
+        moved = (_drawn(at, with_lamps(at.fit, partial(aside, side))) for side in ((0, 1), (0, -1), (1, 1), (1, -1)))
+        yield Case(0, (sum(moved) / 4.0 - at.predicted)[None] / (6.0 * SMALL**2))  # whose variance is a twelfth
+
+
+def aside(side: tuple[int, int], lamp: Any, center: np.ndarray) -> Any:
+    """Return a lamp moved across the way of its light, by `SMALL` of its distance: along an axis, forth or back."""
+    axis, sign = side
+    arm = np.asarray(lamp.position) - center
+    across = np.linalg.svd(arm[None])[2][1 + axis]
+    return eqx.tree_at(lambda of: of.position, lamp, lamp.position + sign * SMALL * np.linalg.norm(arm) * across)
 
 
 def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], Any], amount: float) -> Iterator[Case]:

@@ -78,8 +78,8 @@ class SetUp:
         """The first sample of each view, and their number."""
 
     @cached_property
-    def shown_beside(self) -> Vector | None:
-        """What the photographs show beside the objects, less the background."""
+    def shown_beside(self) -> list[Vector] | None:
+        """What the photographs show beside the objects, less the background, in each channel."""
         return beside(self.fit)
 
     @cached_property

@@ -42,6 +42,9 @@ def names_of(where: str, names: Any, known: Iterable[Place]) -> tuple[str, ...]:
     for name in names:
         if not isinstance(name, str):
             raise TypeError(f"{where} must hold names of parameters; got {name!r}. Give for example 'k_d'.")
+        if "," in name:
+            several = tuple(part.strip() for part in name.split(",") if part.strip())
+            raise ValueError(f"{where} has several names in one, '{name}'. Give a tuple of names: {several}.")
         if all(segment.isdigit() for segment in segments_of(name)):
             raise ValueError(
                 f"{where} names '{name}', a number alone. Name what it counts, for example 'lights.{name}'."

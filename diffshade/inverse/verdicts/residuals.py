@@ -14,9 +14,11 @@ from ...core.thresholds import MOST, NEGLIGIBLE, ROUNDING
 from ...core.words import MAX_NAMED, Note, listing
 from ..data.samples import MIN_PILE
 from ..misfit.beside import beside, p_of_level
+from ..misfit.changes import bounded
 from ..misfit.conventions import other_convention
 from ..misfit.encodings import Mended, better_than_gamma
 from ..misfit.explained import Explained, explain
+from ..misfit.faults import beyond_bounds
 from ..misfit.found import Found
 from ..misfit.noise_tests import FALSE_ALARM, Whiteness
 from ..result import Fit
@@ -40,7 +42,9 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
         return fit
     is_noise, shown = residuals.p_value > FALSE_ALARM, beside(fit)
     dark = any(samples.zeros >= MIN_PILE for samples in fit.solved.problem.data.samples)
-    if is_noise and not dark and (shown is None or p_of_level(shown) > FALSE_ALARM):
+    held, free = bounded(fit), np.flatnonzero(~fit.at_bound)
+    beyond = fit.evidence.p_of_holding(held, free) <= FALSE_ALARM  # few pixels tell of a highlight, and all are judged
+    if is_noise and not dark and not beyond and (shown is None or p_of_level(shown) > FALSE_ALARM):
         return fit
     report_progress("what the residuals show")
     if other := other_convention(fit, residuals.squares):
@@ -62,6 +66,8 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
         if apart is not None:
             errors = np.hypot(errors, apart.moves)
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
+    for found in seen.found:  # a value at a bound that the photographs contradict is known no better than the bound
+        lost[beyond_bounds(found)] = fit.determined[beyond_bounds(found)]
     found = _notes(fit, seen, better, apart, lost, is_noise=is_noise)
     notes = (*fit.notes, *found) if fit.determined.any() else (*found, *fit.notes)  # the cause of all comes first
     return replace(fit, errors=errors, determined=fit.determined & ~lost, notes=notes)
@@ -98,7 +104,8 @@ def _notes(
     if apart is not None and apart.is_noise:
         why, kinds, is_known = f"{apart.sentence(fit)} The errors allow for this.", ("outliers",), True
     elif better is not None:
-        why, kinds, is_known = f"{better.sentence} The errors allow for this.", (better.kind,), True
+        left = "." if better.leaves_noise else ", but what is left is no noise either: treat them as lower limits."
+        why, kinds, is_known = f"{better.sentence} The errors allow for this{left}", (better.kind,), True
     elif is_known:
         why = f"{_sentences(seen.found[:MAX_NAMED])} The errors allow for this."
     elif not seen.found:

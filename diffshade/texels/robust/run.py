@@ -30,7 +30,7 @@ from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, EitherLobe, beside_blinn, lobe_taken, note_on_lobe
 from .learning import Assumptions, ObjectModel, learned
 from .neighbours import MARGIN, corrected, grid_of, mean_around, scatter_of
-from .stated_errors import COLUMNS, Parts, SpreadColumns, fit_parts, state_errors
+from .stated_errors import COLUMNS, PartFits, SpreadColumns, fit_parts, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
@@ -177,7 +177,7 @@ class RobustRun(TexelWork):
             None if shared.interpolation is None else Unexplained(shared.interpolation, store.read("unexplained")),
         )
 
-    def _shared(self, models: Sequence[ObjectModel], sample: TexelTile, parts: Parts) -> Shared:
+    def _shared(self, models: Sequence[ObjectModel], sample: TexelTile, parts: PartFits) -> Shared:
         """Return what the texels share, from a sample of them."""
         region = self.region_of(sample.pixels)
         refined = [self.refined(m, sample.part(np.flatnonzero(region == r))) for r, m in enumerate(models)]
@@ -250,9 +250,8 @@ class RobustRun(TexelWork):
         found = self.each(tile, self._normals, models)
         grid = grid_of(tile.pixels, width)
         alone = grid.image(found.n.T)
-        n = alone
-        if self.neighbours:
-            n = corrected(alone, grid.image(shared.own_95 * np.asarray(found.spread[:1]).T), grid.mask)
+        own_95 = grid.image(shared.own_95 * np.asarray(found.spread[:1]).T)
+        n = corrected(alone, own_95, grid.mask) if self.neighbours else alone
         normal = n[grid.row, grid.column].T
         own = np.flatnonzero((tile.pixels >= rows[0] * width) & (tile.pixels < rows[1] * width))
         if not len(own):

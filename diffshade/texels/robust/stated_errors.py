@@ -59,7 +59,7 @@ class SpreadColumns(NamedTuple):
 COLUMNS = len(SpreadColumns._fields)
 
 
-class Parts(NamedTuple):
+class PartFits(NamedTuple):
     """Some texels fitted to parts of the lights."""
 
     sample: TexelTile
@@ -71,7 +71,7 @@ class Parts(NamedTuple):
         return calibrated(difference, spread, self.found.reached, self.division)
 
 
-def fit_parts(work: TexelWork, models: Sequence[ObjectModel]) -> Parts:
+def fit_parts(work: TexelWork, models: Sequence[ObjectModel]) -> PartFits:
     """Fit a sample of the texels to parts of the lights."""
     work.tiles.report_progress("fitting parts of the lights")
     sample = work.tiles.reader.sample(CALIBRATION_SAMPLE)
@@ -80,11 +80,11 @@ def fit_parts(work: TexelWork, models: Sequence[ObjectModel]) -> Parts:
     def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Turned:
         return turned(work.setup, work.known, block, model, division.parts)
 
-    return Parts(sample, division, work.each(sample, program, models))
+    return PartFits(sample, division, work.each(sample, program, models))
 
 
 def state_errors(
-    work: TexelWork, shared: Shared, parts: Parts, arrays: MapArrays, spread: Float[np.ndarray, "h w columns"]
+    work: TexelWork, shared: Shared, parts: PartFits, arrays: MapArrays, spread: Float[np.ndarray, "h w columns"]
 ) -> dict[str, float]:
     """Turn spreads into errors; return how many errors hold the truth 95 % of the time."""
     sample, division, found = parts
