@@ -231,7 +231,7 @@ def _info(cost: Scalar, point: Point) -> Any:
 def box_step(H: Symmetric, g: Any, damping: Array, low: Array, high: Array, D: Array | None = None) -> Array:
     """Minimise g.z + z.(H + damping D) z/2 over low <= z <= high; D is diag(H) unless it is given (More 1978)."""
     D = H.diagonal() if D is None else D
-    D = jnp.maximum(D, TINY**2 * jnp.max(D))  # units differ by millions where lengths are in millimetres
+    D = jnp.maximum(D, TINY * jnp.max(D))
     scale = jnp.where(D > 0, jax.lax.rsqrt(jnp.where(D > 0, D, 1.0)), 1.0)
     A = H.scaled(scale).plus(jnp.maximum(damping, 0.0))
     A = A.plus(jnp.where(A.diagonal() > 0, 0.0, 1.0))
