@@ -103,7 +103,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *_repeated(problem.data.counts.repeats),
         *_clipped(problem.data.counts),
         *_beyond_memory(problem.data.counts),
-        *([] if forecast else _noise_contradicted(_is_noise_known(problem), rmse, float(spread[0]), evidence.sigma2)),
+        *([] if forecast or not _is_noise_known(problem) else _noise_contradicted(spread, found.at_bound, evidence)),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]
@@ -162,7 +162,7 @@ def _evidence(
     clusters = point.views.together(groups, p).scaled(slope)
     zero, directions = null_directions(clusters.total(p) + H_0)
     regular = ~zero & ~directions.any(0)
-    sigma2 = variance(spread, int(np.sum(~found.at_bound)))
+    sigma2 = _times_the_noise(spread, found.at_bound) ** 2
     held = any(u.prior is not None for u in problem.unknowns)  # priors that are wrong make residuals too
     if _is_noise_known(problem) and (held or sigma2 <= CLEARLY**2):  # else the errors are by the residuals
         sigma2 = 1.0
@@ -281,20 +281,26 @@ def _beyond_memory(counts: Counts) -> Iterator[Note]:
         yield Note(text, "memory")
 
 
-def _noise_contradicted(stated: bool, rmse: float, samples: float, sigma2: float) -> Iterator[Note]:
+def _noise_contradicted(
+    spread: Float[np.ndarray, "5"], at_bound: Bool[np.ndarray, " p"], evidence: Evidence
+) -> Iterator[Note]:
     """Say that the residuals are clearly larger than the given noise, or smaller, as chance does not make them.
 
     Of pictures without noise nothing is said: theirs may stand for that of photographs to come.
     """
-    if not stated:
-        return
-    if rmse > CLEARLY:
-        by = "by the residuals" if sigma2 > 1.0 else "by the given noise, and too small by as much if it is larger"
-        wrong = f"the noise is larger, or the model, a prior or the minimum is wrong. The errors are {by}"
-        yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "beyond noise")
-    elif NEGLIGIBLE < rmse < 1.0 / CLEARLY and 1.0 - rmse > OUTLIER / np.sqrt(2.0 * samples):
+    times, freedom = _times_the_noise(spread, at_bound), max(float(spread[0]) - np.sum(~at_bound), 1.0)
+    if times > CLEARLY:
+        followed = "the residuals" if evidence.sigma2 > 1.0 else "the given noise, and are too small if it is larger"
+        wrong = f"the noise is larger, or the model, a prior or the minimum is wrong. The errors follow from {followed}"
+        yield Note(f"the residuals are {times:.3g} times the given noise: {wrong}.", "beyond noise")
+    elif NEGLIGIBLE < times < 1.0 / CLEARLY and 1.0 - times > OUTLIER / np.sqrt(2.0 * freedom):
         wrong = "it is stated too large, and so are the errors. Give View.noise as it is, or leave it to the fit"
-        yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "below noise")
+        yield Note(f"the residuals are {times:.3g} times the given noise: {wrong}.", "below noise")
+
+
+def _times_the_noise(spread: Float[np.ndarray, "5"], at_bound: Bool[np.ndarray, " p"]) -> float:
+    """Return how large the residuals are, in units of the noise by which they are weighted."""
+    return float(np.sqrt(variance(spread, int(np.sum(~at_bound)))))
 
 
 def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found: _Values) -> Iterator[Note]:

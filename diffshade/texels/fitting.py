@@ -215,7 +215,8 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
         _LOGGER.warning(text)  # before the work begins
     few = len(views) < GROUPS and light_error is None
     if set(free) != SHARED or loss == "squares" or unsuited or few:
-        return each.maps(lights, (*notes, *_note_on_highlights(scene, views, each)))
+        on_highlights = () if other is not None else _note_on_highlights(scene, views, each)
+        return each.maps(lights, (*notes, *on_highlights))
     sample = tiles.reader.sample(LEARNING_SAMPLE)
     check_anything_left(np.ones(len(sample.pixels)))
     run = RobustRun(
@@ -260,8 +261,8 @@ def _note_on_highlights(scene: Scene, views: Sequence[View], each: TexelRun) -> 
     if share <= SMALL:
         return ()
     text = (
-        f"{share:.0%} of the texels show a highlight, and k_s is 0 and not free: k_d and the normals are off by more "
-        "than their errors. Free k_s and n_s too."
+        f"{share:.0%} of the texels show a highlight, and k_s is 0 and not free: k_d and the normals may be off by "
+        "more than their errors. Free k_s and n_s too."
     )
     return (Note(text, "missing highlight", ("k_s", "n_s")),)
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.robust_scale import robust_scale
-from ..core.thresholds import TINY
+from ..core.thresholds import DEGREE, FEW, TINY
 from .lights.uncalibrated import middle_ranks, pseudo_normals
 
 Samples = Float[np.ndarray, "views texels"]
@@ -34,7 +34,7 @@ def random_order_is_as_good(
     """
     lit = power > 0.0
     seen, counts, towards, power = seen[lit], counts[lit], towards[lit], power[lit]
-    if not counts.any():
+    if not counts.any() or _lights_apart(towards) < FEW:
         return False
     random, alike, given = np.random.default_rng(0), _alike(seen, counts), np.arange(len(power))
     lists = 99  # a wrong one passes as the best of a hundred, by either of two measures, once in fifty times
@@ -43,13 +43,22 @@ def random_order_is_as_good(
     agreement = [np.sum(alike * (towards[order] @ towards[order].T)) for order in (given, *others)]
     if max(agreement[1:]) < agreement[0]:
         return False
-    some = np.linspace(0, seen.shape[1] - 1, min(seen.shape[1], lists)).astype(int)  # as few tell orders apart
+    few = 100  # texels tell orders apart: each has as many numbers as there are views
+    some = np.linspace(0, seen.shape[1] - 1, min(seen.shape[1], few)).astype(int)
 
     def misfit(order: Int[np.ndarray, " views"]) -> float:
         return _misfit(seen[:, some] / power[order, None], counts[:, some], towards[order])
 
     least = misfit(given)
     return any(misfit(order) <= least for order in others)
+
+
+def _lights_apart(towards: Directions) -> int:
+    """Return how many lights are a degree from each other at least: of fewer, lists in random order are the same."""
+    apart: list[np.ndarray] = []
+    for l in towards:
+        apart += [l] if all(np.linalg.norm(l - other) > DEGREE for other in apart) else []
+    return len(apart)
 
 
 def _alike(seen: Samples, counts: Counted) -> Float[np.ndarray, "views views"]:

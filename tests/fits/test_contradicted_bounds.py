@@ -34,3 +34,12 @@ def test_a_bound_within_the_noise_is_no_cause():
     assert found.at_bound.any()
     assert found.determined.all()
     assert not [note for note in found.notes if note.kind == "cause"]
+
+
+@pytest.mark.thorough
+def test_a_bound_that_is_a_little_off_is_named():
+    exact = noisy(photographs(TOLD), 1e-4, 1)
+    found = ds.fit(forget(TOLD), one_light_each(exact), free=FREE, bounds={"n_s": (1.0, 49.7)})
+    (note,) = (note for note in found.notes if note.kind == "cause")
+    assert "the photographs want n_s beyond the bound 49.7" in note
+    assert not found.determined[found.names.index("n_s")]

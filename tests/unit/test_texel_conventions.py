@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hollow_things import SHAPES, hollow_thing
+from measured import measured
 from slightly_wrong import EYE, FOV, SIDE, ball
 from wrong_photographs import towards
 
@@ -15,7 +16,6 @@ import diffshade as ds
 from diffshade.inverse.misfit.conventions import orders
 from diffshade.texels.conventions import other_light_convention
 from diffshade.texels.tiles import LEARNING_SAMPLE, ViewReader
-from tests.support.measured import measured
 
 COUNT = 20
 CAMERA = ds.Camera(eye=tuple(EYE), fov=FOV, shape=(SIDE, SIDE))
@@ -53,6 +53,14 @@ def said_of(scene: ds.Scene, views: list[ds.View]) -> str | None:
 @pytest.mark.parametrize(("k_s", "textured"), [(0.0, False), (0.4, False), (0.0, True)])
 def test_right_lights_raise_no_alarm(k_s, textured):
     assert [said(*photographed(seed, k_s, textured)) for seed in range(3)] == [None] * 3
+
+
+@pytest.mark.parametrize("lights", [3, 4])
+def test_lights_that_repeat_raise_no_alarm(lights):
+    l, images = photographed(0, 0.0, False)
+    random, same = np.random.default_rng(0), np.arange(9) % lights
+    again = [images[k] + 0.005 * random.standard_normal(images[k].shape) for k in same]
+    assert [said(l[same], again) for _ in range(3)] == [None] * 3
 
 
 @pytest.mark.parametrize("words", AXES)

@@ -155,9 +155,9 @@ def _surface(listed: Listing, normals: np.ndarray, points: np.ndarray | None, in
         of_mask = listed.mask_file() if mask is None else mask if isinstance(mask, str | Path) else "the given one"
         there, shown = normals[inside], np.any(normals != 0.0, -1)
         said = f"{error}"
-        if not shown[inside].any() and shown.any():
+        if not shown[inside].any() and np.mean(shown[~inside]) > MOST:
             said = f"there are none inside the mask, {of_mask}, but outside of it: it is inverted. Invert it"
-        elif np.allclose(np.linalg.norm(2.0 * there - 1.0, axis=-1), 1.0, atol=SLIGHT):
+        elif there.size and np.allclose(np.linalg.norm(2.0 * there - 1.0, axis=-1), 1.0, atol=SLIGHT):
             said = "they are stored from 0 to 1, as in pictures. Write 2 n - 1"
         raise ValueError(f"{listed.normals or listed.folder}: {said.rstrip('.')}.") from None
 

@@ -150,9 +150,10 @@ def of_blur(at: Linearised) -> Iterator[Case]:
 
 
 def of_bound(at: Linearised) -> Iterator[Case]:
-    """Yield the changes by the values at bounds other than 0, which the photographs may want beyond them."""
+    """Yield the changes by the values at bounds other than 0, outwards, as the photographs may want them."""
     if len(which := bounded(at.set_up.fit)):
-        yield Case(0, at.jacobian[which].toarray())
+        outwards = np.where(at.set_up.fit.at_lower[which], -1.0, 1.0)
+        yield Case(0, outwards[:, None] * at.jacobian[which].toarray())
 
 
 def bounded(fit: Fit) -> Int[np.ndarray, " bounded"]:
@@ -192,7 +193,7 @@ def of_highlight_by_colour(at: Linearised) -> Iterator[Case]:
     """Yield highlights that are wider in one channel than in another, where one n_s is fitted to all channels."""
     channel = at.set_up.channel
     for j, unknown in enumerate(at.fit.unknowns):
-        if unknown.kind == "n_s" and unknown.logarithmic and channel.any():
+        if unknown.kind == "n_s" and unknown.logarithmic and channel.any() and not at.fit.at_bound[j]:
             change = at.jacobian[[j]].toarray()
             if len(np.unique(channel[change[0] != 0.0])) > 1:
                 yield Case(j, _of_each_channel(at, change))

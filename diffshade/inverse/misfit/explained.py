@@ -172,13 +172,13 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
     freedom = max(float(at.count - len(directions.inside)), 1.0)
     if (shown := at.set_up.shown_beside) is not None:
         weight = float(np.median(at.weight[at.weight > 0]))
-        samples, change = np.concatenate(shown), np.zeros((len(score), sum(map(len, shown))))
-        channel = np.repeat(np.arange(len(shown)), list(map(len, shown)))
-        for of in (of for of in candidates if of.fault.beside):  # a level for each channel
-            change[of.of] = (np.arange(len(shown))[:, None] == channel) / of.size
-        information += weight * change @ change.T
-        score += weight * change @ samples
-        squares, freedom = squares + weight * float(samples @ samples), freedom + len(samples)
+        number, total = (np.array(list(map(of, shown)), float) for of in (len, np.sum))
+        levels = [of for of in candidates if of.fault.beside and of.of.sum() == len(shown)]
+        for of in levels:  # one for each channel
+            information[np.ix_(of.of, of.of)] += weight * np.diag(number) / of.size**2
+            score[of.of] += weight * total / of.size
+        squares += weight * float(sum(samples @ samples for samples in shown))
+        freedom += number.sum()
     for of in (of.of for of in candidates if of.case.known):  # which the residuals need not show
         information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
     # a change is what is predicted less what is shown: at most about as large as the photographs and the residuals

@@ -47,7 +47,9 @@ def _of_highlight(f: Found) -> dict[str, Any]:
 
 
 def _by_colour(f: Found) -> dict[str, Any]:
-    return {"n_s": _vector(f.given.values[f.which] * np.exp(f.amount), ".3g")}
+    n_s = f.given.values[f.which] * np.exp(f.amount)
+    few = len(n_s) <= MAX_NAMED
+    return {"n_s": _vector(n_s, ".3g") if few else f"({n_s[0]:.3g}, ..., {n_s[-1]:.3g})"}
 
 
 def _of_sphere(f: Found) -> dict[str, Any]:
@@ -89,13 +91,12 @@ def _of_bound(f: Found) -> dict[str, Any]:
 
 
 def beyond_bounds(f: Found) -> Int[np.ndarray, " beyond"]:
-    """Return which values the photographs want beyond their bounds by more than rounding, if a fault is of these."""
+    """Return which values the photographs want beyond their bounds, if a fault is of these: by a percent, or most."""
     if f.fault.kind != "bound":
         return np.zeros(0, int)
-    which = changes.bounded(f.given)
-    beyond = f.amount / coordinate_slopes(f.given.values, f.given.unknowns)[which]
-    outwards = np.where(f.given.at_lower[which], -beyond, beyond)
-    return which[outwards > SLIGHT * np.abs(f.given.values[which])]
+    which, fit = changes.bounded(f.given), f.given
+    beyond = f.amount / coordinate_slopes(fit.values, fit.unknowns)[which] / np.abs(fit.values[which])
+    return which[(beyond > 0.0) & ((beyond > SLIGHT) | (beyond == beyond.max()))]
 
 
 def _vector(of: Any, form: str) -> str:
@@ -220,6 +221,7 @@ FAULTS = (
         changes.of_highlight_by_colour,
         words=_by_colour,
         size=lambda which, amount: float(np.ptp(amount)),
+        plausible=(SLIGHT, np.inf),
     ),
     Fault(
         "radius",
@@ -315,10 +317,12 @@ FAULTS = (
         "Check the bounds; where they are right, something else in the description is wrong.",
         changes.of_bound,
         words=_of_bound,
+        size=lambda which, amount: float(np.max(amount)),
+        plausible=(0.0, np.inf),
     ),
     Fault(
         "black",
-        "{pixels} brighter than the scene says, beside the object too (a black level, or haze)",
+        "{pixels} brighter than the scene says, beside the object too (a black level, haze, or a lit background)",
         "{remedy}, or give the scene its background.",
         changes.of_black,
         words=_of_black,

@@ -41,7 +41,7 @@ class WithoutOutliers(NamedTuple):
         rest = ", and the rest is noise" if self.is_noise else ""
         return (
             f"{self.share:.2%} of the pixels are far from what the model shows, as of shadows, dust, text and "
-            f"things in front of the object, and squares follow them: without them {fit.names[j]} is "
+            f"things in front of the object, and least squares follows them: without them {fit.names[j]} is "
             f"{fit.values[j] + self.moves[j]:.3g}{rest}. Mask them out with View.mask, or fit with loss='cauchy'."
         )
 

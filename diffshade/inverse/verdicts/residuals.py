@@ -10,7 +10,7 @@ from jaxtyping import Bool
 
 from ...core.progress import ReportProgress
 from ...core.robust_scale import RARE
-from ...core.thresholds import MOST, NEGLIGIBLE, ROUNDING
+from ...core.thresholds import MOST, NEGLIGIBLE, ROUNDING, SMALL
 from ...core.words import MAX_NAMED, Note, listing
 from ..data.samples import MIN_PILE
 from ..misfit.beside import beside, p_of_level
@@ -74,13 +74,14 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
 
 
 def _outliers(fit: Fit, seen: Explained, report_progress: ReportProgress) -> WithoutOutliers | None:
-    """Return the fit without outliers, where there are some and no named fault explains most of the residuals.
+    """Return the fit without outliers, where there are some and no named fault explains a tenth of the residuals.
 
     Where they are most of a view, the view is wrong. If the rest is no noise either, they may be none: nothing else
     must have a name, and they must move a value far.
     """
     named = [f.share for f in seen.found if not f.fault.unnamed]
-    if fit.likelihood.loss != "squares" or max(named, default=0.0) > MOST:
+    sure = any(f.fault.beside or f.fault.kind == "bound" for f in seen.found) or max(named, default=0.0) > SMALL
+    if fit.likelihood.loss != "squares" or sure or not fit.determined.any():
         return None
     report_progress("what single pixels show")
     apart = without_outliers(fit)

@@ -69,7 +69,7 @@ def found_exposures(
 
     None, and what was taught first, where it is not told. Each photograph must have one light of its own. Brightness is
     believed only if photographs that are left out are clearly predicted better, of twelve or more, and if its error is
-    below a tenth, as photographs that err by more agree no better than equal ones; else a note says that it differs.
+    below a tenth, since wrong lights look like exposures that are hardly told; else a note says that it differs.
 
     Args:
         scene: One object and its lights.
@@ -94,16 +94,17 @@ def found_exposures(
         vague = agrees and bool(np.median(found.error) > SMALL)
         if agrees and not vague:
             return found, taught, _notes_on(found, rig.given)
-    if coloured:
-        return as_said, _taught_with(as_said, rig, first), _notes_on(as_said, rig.given)
-    if every >= ENOUGH and not vague:
-        return None, first, ()
-    told = f"they tell it only within {np.median(found.error):.0%}" if vague else f"fewer than {ENOUGH} do not tell it"
-    text = (
-        f"photographs seem to be brighter or darker than their exposures say, {_named(np.exp(step)[:, None])}, but "
-        f"{told}: nothing was undone. State their exposures, or add photographs."
-    )
-    return None, first, (Note(text, "exposure"),)
+    left: tuple[Note, ...] = ()
+    if np.abs(step).max() >= ANOTHER_BRIGHTNESS and (vague or every < ENOUGH):
+        told = f"they tell it to {np.median(found.error):.0%} only" if vague else f"fewer than {ENOUGH} do not tell it"
+        text = (
+            f"photographs seem to be brighter or darker than their exposures say, {_named(np.exp(step)[:, None])}, but "
+            f"{told}: that was not undone. State their exposures, or add photographs."
+        )
+        left = (Note(text, "exposure"),)
+    if not coloured:
+        return None, first, left
+    return as_said, _taught_with(as_said, rig, first), (*_notes_on(as_said, rig.given), *left)
 
 
 class _Rig(NamedTuple):

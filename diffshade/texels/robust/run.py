@@ -186,9 +186,12 @@ class RobustRun(TexelWork):
         leaves = self.tiles.store.kept(
             "between_lights", lambda: jax.tree.leaves(self._interpolated(sample, refined, seen.beyond, brightest))
         )
-        alone = self.each(parts.sample, self._normals, models)
-        own = parts.held_by(np.asarray(alone.spread[0]), parts.found.angle)
-        return Shared(models, refined, brightest, own.errors * own.times_95, *from_leaves(leaves))
+        own_95 = 0.0
+        if self.neighbours:
+            alone = self.each(parts.sample, self._normals, models)
+            own = parts.held_by(np.asarray(alone.spread[0]), parts.found.angle)
+            own_95 = own.errors * own.times_95
+        return Shared(models, refined, brightest, own_95, *from_leaves(leaves))
 
     def _interpolated(
         self,
