@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.masks import Mask, as_mask
-from ...core.thresholds import SLIGHT
+from ...core.thresholds import MOST, SLIGHT
 from ...core.words import count
 from ...io.images import ReadAs, read_mask
 from ...model.cameras import OrthographicCamera
