@@ -148,11 +148,13 @@ class Evidence:
 
     def p_of_holding(self, held: Int[np.ndarray, " held"], free: Int[np.ndarray, " free"]) -> float:
         """Return the p-value of unknowns to be where they are held, by the slope of the cost there; others are free."""
+        if not len(held) or not self.sigma2 > 0.0:
+            return 1.0
         slope = np.asarray(self.clusters.slope(len(self.values))) + self.known_gradient
         H, H_side = self.total[np.ix_(held, held)], self.total[np.ix_(free, held)]
         beyond_free = inverse(H - H_side.T @ inverse(self.total[np.ix_(free, free)]) @ H_side)
         square = float(slope[held] @ beyond_free @ slope[held])
-        return float(special.chdtrc(len(held), square / self.sigma2)) if len(held) and self.sigma2 > 0.0 else 1.0
+        return float(special.chdtrc(len(held), square / self.sigma2))
 
     def plain_errors(self) -> Vector:
         """Return the standard errors for independent noise; infinite where nothing is determined."""
