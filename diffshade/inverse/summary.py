@@ -103,7 +103,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *_repeated(problem.data.counts.repeats),
         *_clipped(problem.data.counts),
         *_beyond_memory(problem.data.counts),
-        *([] if forecast or not _is_noise_known(problem) else _noise_contradicted(spread, found.at_bound, evidence)),
+        *([] if forecast else _stated_noise(problem, spread, found.at_bound, evidence.sigma2)),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]
@@ -281,16 +281,22 @@ def _beyond_memory(counts: Counts) -> Iterator[Note]:
         yield Note(text, "memory")
 
 
-def _noise_contradicted(
-    spread: Float[np.ndarray, "5"], at_bound: Bool[np.ndarray, " p"], evidence: Evidence
+def _stated_noise(
+    problem: FitProblem, spread: Float[np.ndarray, "5"], at_bound: Bool[np.ndarray, " p"], sigma2: float
 ) -> Iterator[Note]:
+    """Say where the residuals contradict a noise that is stated."""
+    if _is_noise_known(problem):
+        freedom = max(float(spread[0]) - np.sum(~at_bound), 1.0)
+        yield from _noise_contradicted(_times_the_noise(spread, at_bound), freedom, sigma2)
+
+
+def _noise_contradicted(times: float, freedom: float, sigma2: float) -> Iterator[Note]:
     """Say that the residuals are clearly larger than the given noise, or smaller, as chance does not make them.
 
     Of pictures without noise nothing is said: theirs may stand for that of photographs to come.
     """
-    times, freedom = _times_the_noise(spread, at_bound), max(float(spread[0]) - np.sum(~at_bound), 1.0)
     if times > CLEARLY:
-        followed = "the residuals" if evidence.sigma2 > 1.0 else "the given noise, and are too small if it is larger"
+        followed = "the residuals" if sigma2 > 1.0 else "the given noise, and are too small if it is larger"
         wrong = f"the noise is larger, or the model, a prior or the minimum is wrong. The errors follow from {followed}"
         yield Note(f"the residuals are {times:.3g} times the given noise: {wrong}.", "beyond noise")
     elif NEGLIGIBLE < times < 1.0 / CLEARLY and 1.0 - times > OUTLIER / np.sqrt(2.0 * freedom):

@@ -196,13 +196,12 @@ def test_what_else_a_fit_says():
     assert "k_d.r and k_d.b are above 1" in next(_too_bright(unknowns, values, known))
     assert "k_d.b is above 1: more light leaves" in next(_too_bright(unknowns, values, known & (np.arange(6) > 0)))
     assert not list(_too_bright(unknowns, np.ones(6), known))
-    assert not [note for rmse in (0.7, 1.4, 1e-6) for note in _noise_contradicted(True, rmse, 1000.0, 1.0)]
-    assert not list(_noise_contradicted(False, 1.6, 1000.0, 2.56))
-    assert not list(_noise_contradicted(True, 0.6, 10.0, 1.0))  # as few samples happen to have
-    assert "1.6 times the given noise" in next(_noise_contradicted(True, 1.6, 1000.0, 1.0))
-    by = [str(next(_noise_contradicted(True, 1.6, 1000.0, sigma2))) for sigma2 in (1.0, 2.56)]
-    assert ["by the residuals" in said for said in by] == [False, True]
-    assert "0.6 times the given noise: it is stated too large" in next(_noise_contradicted(True, 0.6, 1000.0, 1.0))
+    assert not [note for rmse in (0.7, 1.4, 1e-6) for note in _noise_contradicted(rmse, 1000.0, 1.0)]
+    assert not list(_noise_contradicted(0.6, 10.0, 1.0))  # as few samples happen to have
+    assert "1.6 times the given noise" in next(_noise_contradicted(1.6, 1000.0, 1.0))
+    by = [str(next(_noise_contradicted(1.6, 1000.0, sigma2))) for sigma2 in (1.0, 2.56)]
+    assert ["from the residuals" in said for said in by] == [False, True]
+    assert "0.6 times the given noise: it is stated too large" in next(_noise_contradicted(0.6, 1000.0, 1.0))
     assert not list(_clipped(Counts(1, 9, 27, 0, 0)))
     assert "uses 1 clipped sample as limits" in next(_clipped(Counts(1, 9, 27, 1, 0)))
     assert "excludes 1,200 clipped samples" in next(_clipped(Counts(1, 9, 27, 3, 1200)))
