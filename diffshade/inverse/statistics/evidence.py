@@ -151,8 +151,8 @@ class Evidence:
         if not len(held) or not self.sigma2 > 0.0:
             return 1.0
         slope = np.asarray(self.clusters.slope(len(self.values))) + self.known_gradient
-        H, H_side = self.total[np.ix_(held, held)], self.total[np.ix_(free, held)]
-        beyond_free = inverse(H - H_side.T @ inverse(self.total[np.ix_(free, free)]) @ H_side)
+        both = np.concatenate([held, free])
+        beyond_free = inverse(self.total[np.ix_(both, both)])[: len(held), : len(held)]
         square = float(slope[held] @ beyond_free @ slope[held])
         return float(special.chdtrc(len(held), square / self.sigma2))
 
