@@ -74,6 +74,19 @@ def test_few_photographs_beat_least_squares(material, count):
     check(material, count, 60.0, off=1.0, cast=True)
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("count", [12, *(pytest.param(n, marks=pytest.mark.slow) for n in (6, 24))])
+def test_a_rough_surface_is_told_and_its_normals_hold(count):
+    """Plain and trimmed least squares: 5 to 7 degrees."""
+    of = bumpy("clay", count, 60.0)
+    maps = ds.fit_texels(of.scene, of.views, free=FREE, light_error=0.0)
+    off = degrees_between(maps.values["normal"], of.normal)[of.mask]
+    assert off.mean() < 0.8
+    assert np.mean(off <= maps.errors["normal"][of.mask][:, 0]) > 0.6
+    assert np.mean(off <= maps.errors_95["normal"][of.mask][:, 0]) > 0.9
+    assert "rough" in [note.kind for note in maps.notes if isinstance(note, Note)]
+
+
 def notes_of(of, views, scene=None) -> list[str]:
     notes = ds.fit_texels(scene or of.scene, views, free=FREE).notes
     return [

@@ -13,7 +13,8 @@ SIDE, WIDTH = 64, 2.1  # pixels, and the width of the picture in radii
 PIXEL = WIDTH / SIDE
 NOISE, STEPS = 0.003, 4095
 TO_CAMERA = np.array([0.0, 0.0, 1.0])
-MATERIALS = ("matte", "glossy", "two", "texture", "metal")
+MATERIALS = ("matte", "glossy", "two", "texture", "metal")  # "clay" is matte and rough
+CLAY = 0.4  # B / A of Oren and Nayar
 
 
 class Photographed(NamedTuple):
@@ -70,7 +71,7 @@ def bumpy(
     """Photographs under lights spread evenly in a cone about the camera.
 
     Args:
-        material: One of `MATERIALS`.
+        material: One of `MATERIALS`, or "clay".
         count: Number of lights.
         cone: Its half angle, degrees.
         off: Standard deviation of the directions that are told, about each axis, degrees.
@@ -87,7 +88,7 @@ def bumpy(
     images = []
     for l in lights:
         n_l, half = normal @ l, (l + TO_CAMERA) / np.linalg.norm(l + TO_CAMERA)
-        image = np.maximum(n_l, 0.0)[..., None] * k_d
+        image = oren_nayar(normal, l, TO_CAMERA, CLAY if material == "clay" else 0.0)[..., None] * k_d
         image += np.where(n_l > 0.0, k_s * np.maximum(normal @ half, 0.0) ** n_s, 0.0)[..., None]
         image[_shadow(height, mask, l) if cast else np.zeros_like(mask)] = 0.0
         image += NOISE * random.standard_normal(image.shape)
@@ -95,6 +96,17 @@ def bumpy(
     tilt = np.deg2rad(off) * random.standard_normal((count, 3))
     told = lights + tilt - np.sum(tilt * lights, -1, keepdims=True) * lights
     return under(told / np.linalg.norm(told, axis=-1, keepdims=True), images, normal, mask)
+
+
+def oren_nayar(n: np.ndarray, l: np.ndarray, v: np.ndarray, ratio: float) -> np.ndarray:
+    """cos(theta_i) (1 + ratio max(0, cos(phi)) sin(alpha) tan(beta)): Oren and Nayar 1994, eq. 30, by its angles."""
+    n_l, n_v = np.sum(n * l, -1), np.sum(n * v, -1)
+    across_l, across_v = l - n_l[..., None] * n, v - n_v[..., None] * n
+    lengths = np.linalg.norm(across_l, axis=-1) * np.linalg.norm(across_v, axis=-1)
+    of_phi = np.sum(across_l * across_v, -1) / np.where(lengths > 0.0, lengths, 1.0)
+    of_l, of_v = (np.arccos(np.clip(c, -1.0, 1.0)) for c in (n_l, n_v))
+    more = np.maximum(of_phi, 0.0) * np.sin(np.maximum(of_l, of_v)) * np.tan(np.minimum(of_l, of_v))
+    return np.where(n_l > 0.0, n_l * (1.0 + ratio * more), 0.0)
 
 
 def _surface(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -20,9 +20,9 @@ from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from .block_fits import FEW_STEPS, lowest_state
 from .candidates import weighted_coefficients
-from .highlight_shape import HighlightShape
 from .learning import ObjectModel
 from .observations import BlockObservations, Lights, observe, reflectances
+from .reflection_shape import ReflectionShape
 from .robust_descent import around, begin
 
 
@@ -81,7 +81,7 @@ def _coefficients(
     n: Float[Array, "3 texels"],
     brightest: Float[Array, ""],
 ) -> tuple[BlockCoefficients, Float[Array, "views channels texels"]]:
-    """Return the coefficients, and what the views show beyond them, as a reflectance."""
+    """Return the coefficients, and what the views show beyond them by Lambert's law, as a reflectance."""
     weighing = model.weighing(observed.level)
     state = begin(observed, model.shape, weighing, Vec3(*n))
     here = around(observed, model.shape, weighing, state)
@@ -97,7 +97,8 @@ def _coefficients(
     k_s = jnp.where(model.assumed.glossy, jnp.minimum(k_s, jnp.asarray(brightest, k_s.dtype)), 0.0)
     matte = jnp.sum(bright * (shown - k_s[None] * S[:, None]), 0)
     k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + TINY)
-    beyond = shown - k_d[None] * D[:, None] - k_s[None] * S[:, None]
+    lambert, _ = observed.lights.shading(model.shape.of_lambert, state.n)
+    beyond = shown - k_d[None] * lambert[:, None] - k_s[None] * S[:, None]
     at_least = jnp.maximum(beyond, 0.0)  # of what was clipped; nothing was shown outside a mask
     beyond = jnp.where(observed.counts[:, None], beyond, at_least)
     samples = jnp.maximum(jnp.sum(observed.counts, 0, dtype=float) * shown.shape[1], 1.0)
@@ -151,9 +152,9 @@ def shown_by(
 
 @jax.jit
 def _under(
-    toward: Float[Array, "lights 3"], lights: Lights, shape: HighlightShape, n: Vec3, k_d: Array, k_s: Array
+    toward: Float[Array, "lights 3"], lights: Lights, shape: ReflectionShape, n: Vec3, k_d: Array, k_s: Array
 ) -> Float[Array, "lights channels texels"]:
     """Return the model's reflectance under distant lights."""
     l = Vec3(*jnp.asarray(toward, jnp.float32).T[..., None, None])
-    D, S = eqx.tree_at(lambda of: of.l, lights, l).shading(shape, n)
+    D, S = eqx.tree_at(lambda of: of.l, lights, l).shading(shape.of_lambert, n)
     return k_d[None] * D[:, None] + k_s[None] * S[:, None]

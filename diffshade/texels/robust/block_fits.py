@@ -20,9 +20,9 @@ from ..linear_systems import inverse_diagonal, solve
 from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
 from .candidates import lowest_minima
-from .highlight_shape import HighlightShape
 from .learning import RIDGE, SHARPNESS, ObjectModel
 from .observations import BlockObservations, observe, reflectances
+from .reflection_shape import ReflectionShape
 from .robust_descent import DescentState, Local, Weighing, around, begin, descend, lowest, system
 
 FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from the best
@@ -172,7 +172,7 @@ def _brighter(observed: BlockObservations, here: Local) -> Float[Array, " texels
 
 def _by_lights(
     observed: BlockObservations,
-    shape: HighlightShape,
+    shape: ReflectionShape,
     weighing: Weighing,
     state: DescentState,
     A: list[list[Array]],
@@ -211,7 +211,7 @@ class Reflectances(NamedTuple):
     """What the views show of a block, as reflectances."""
 
     beyond: Float[Array, "views texels"]
-    """More than the model has at the minimum of each texel, grey."""
+    """More than the maps' model has, with Lambert's law, at the minimum of each texel, grey."""
     brightest: Float[Array, " texels"]
     """Largest of all views and channels."""
 
@@ -231,10 +231,11 @@ def _seen(
     model: ObjectModel,
     state: DescentState,
 ) -> Reflectances:
-    here = around(observed, model.shape, model.weighing(observed.level), state)
+    D, S = observed.lights.shading(model.shape.of_lambert, state.n)
+    beyond = observed.y - state.k_d[None] * D - state.k_s[None] * S
     shown, _ = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
     brightest = jnp.max(jnp.where(observed.counts[:, None], shown, 0.0), (0, 1))
-    return Reflectances(jnp.where(observed.counts, -here.residual * observed.level[None], 0.0), brightest)
+    return Reflectances(jnp.where(observed.counts, beyond * observed.level[None], 0.0), brightest)
 
 
 class Turned(NamedTuple):

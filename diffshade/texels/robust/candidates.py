@@ -15,8 +15,8 @@ from jaxtyping import Float, Int
 
 from ...core.fields import Array
 from ...model.vectors import Vec3, tangents_of
-from .highlight_shape import HighlightShape
 from .observations import BlockObservations, Lights
+from .reflection_shape import ReflectionShape
 
 SIDE = 50  # candidates along each side of a square that is mapped onto the hemisphere: 2 to 3 degrees apart
 BLOCK = 128  # texels that are searched for together
@@ -38,7 +38,7 @@ def hemisphere() -> Float[np.ndarray, "rows columns 3"]:
     return np.stack([sign * flat * np.cos(angle), sign * flat * np.sin(angle), z], -1)
 
 
-def lowest_minima(observed: BlockObservations, shape: HighlightShape, ridge: Float[Array, " texels"]) -> Vec3:
+def lowest_minima(observed: BlockObservations, shape: ReflectionShape, ridge: Float[Array, " texels"]) -> Vec3:
     """Return the normals of the lowest local minima of squares over all candidates, components (KEPT, texels).
 
     Args:

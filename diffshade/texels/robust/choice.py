@@ -9,6 +9,7 @@ bounced light into highlights.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,9 +27,9 @@ from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .calibration import GROUPS
-from .highlight_shape import lobe_taken
 from .learning import Assumptions, ObjectModel, every_assumption, first_model, learned
 from .observations import BlockObservations, observe
+from .reflection_shape import lobe_taken
 from .robust_descent import DescentState
 from .texel_work import BLOCK, TexelWork
 
@@ -38,11 +39,19 @@ MATTE_NOTE = Note(
 )
 
 
+class Judged(NamedTuple):
+    """A model, and the errors of the views of which something was left out."""
+
+    model: ObjectModel
+    errors: Float[np.ndarray, " views"]
+
+
 def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     """Return the model of an object under the assumptions by which photographs that are left out are predicted best.
 
     Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
-    one. The object is matte where a highlight does not lower the error. With fewer than six views all is assumed, for
+    one. A rough surface is judged before, with all else assumed. The object is matte where a highlight does not lower
+    the error. With fewer than six views all is assumed, for
     nothing can be left out.
 
     Args:
@@ -53,15 +62,21 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     model = from_nothing(work, few, every_assumption()[0])
     if len(sample.counts) < GROUPS:
         return model
-    tried, every = [], every_assumption()
-    for k, assumed in enumerate(every):
-        work.tiles.report_progress("choosing what to assume:", (k + 1) / len(every))
+
+    def judged(assumed: Assumptions) -> Judged:
         other = eqx.tree_at(lambda one: one.assumed, model, assumed)
         for _ in range(ROUNDS):
             other = learned(other, work.sample_at_minimum(few, other))
-        tried.append((other, errors_of_shared(work, few, [other])))
-    glossy, matte = (_best_of([one for one in tried if one[0].assumed.glossy == yes]) for yes in (True, False))
-    return glossy[0] if mean_error(glossy[1]) < mean_error(matte[1]) else matte[0]
+        return Judged(other, errors_of_shared(work, few, [other]))
+
+    smooth, rough = (judged(every_assumption(rough=yes)[0]) for yes in (False, True))
+    is_rough = clearly_better(smooth.errors, rough.errors, times=3.0)  # errors of the lights look a little like it
+    tried, every = [rough if is_rough else smooth], every_assumption(rough=is_rough)
+    for k, assumed in enumerate(every[1:]):
+        work.tiles.report_progress("choosing what to assume:", (k + 1) / len(every))
+        tried.append(judged(assumed))
+    glossy, matte = (_best_of([one for one in tried if one.model.assumed.glossy == yes]) for yes in (True, False))
+    return glossy.model if mean_error(glossy.errors) < mean_error(matte.errors) else matte.model
 
 
 def from_nothing(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> ObjectModel:
@@ -79,12 +94,10 @@ def mean_error(errors: Float[np.ndarray, " views"]) -> float:
     return float(known.mean()) if len(known) else np.inf
 
 
-def _best_of(
-    tried: Sequence[tuple[ObjectModel, Float[np.ndarray, " views"]]],
-) -> tuple[ObjectModel, Float[np.ndarray, " views"]]:
-    """Return the first of some models with its errors, or the best one where that is clearly better."""
-    best = min(tried, key=lambda one: mean_error(one[1]))
-    return best if clearly_better(tried[0][1], best[1]) else tried[0]
+def _best_of(tried: Sequence[Judged]) -> Judged:
+    """Return the first of some models, or the best one where that is clearly better."""
+    best = min(tried, key=lambda one: mean_error(one.errors))
+    return best if clearly_better(tried[0].errors, best.errors) else tried[0]
 
 
 def errors_of_shared(work: TexelWork, sample: TexelTile, models: Sequence[ObjectModel]) -> Float[np.ndarray, " views"]:
@@ -130,13 +143,15 @@ def own_exponents_predict_better(
     return clearly_better(errors_of_shared(work, sample, models), by_own)
 
 
-def clearly_better(errors: Float[np.ndarray, " views"], others: Float[np.ndarray, " views"]) -> bool:
-    """Return whether the other errors are lower by more than chance, and by more than a few percent."""
+def clearly_better(
+    errors: Float[np.ndarray, " views"], others: Float[np.ndarray, " views"], *, times: float = 1.0
+) -> bool:
+    """Return whether the other errors are lower by more than some times chance, and by more than a few percent."""
     gain = (errors - others)[np.isfinite(errors) & np.isfinite(others)]
     if len(gain) < 2:
         return False
     by_chance = np.std(gain) / np.sqrt(len(gain) - 1.0)
-    return bool(gain.mean() > max(by_chance, MINOR))
+    return bool(gain.mean() > max(times * by_chance, MINOR))
 
 
 def fewer(sample: TexelTile) -> TexelTile:

@@ -19,8 +19,8 @@ from ...core.fields import Array
 from ...core.robust_scale import MAD
 from ...core.thresholds import MINOR, MOST, NEGLIGIBLE, SMALL
 from ..status import ROUNDING
-from .highlight_shape import HighlightShape, first_shape, shape_of
 from .observations import BlockObservations
+from .reflection_shape import ReflectionShape, first_shape, shape_of
 from .robust_descent import DescentState, Weighing, around
 
 SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
@@ -39,19 +39,21 @@ class Assumptions(eqx.Module):
     """Whether single observations may be far off, as by cast shadows; else all count alike, by squares."""
     dark_is_shadow: Bool[Array, ""]
     """Whether the darkest observations of a texel tell little, for most of them lie in shadow."""
+    rough: Bool[Array, ""]
+    """Whether k_d may reflect more towards the light than Lambert's law has it."""
 
 
-def every_assumption() -> list[Assumptions]:
-    """Return all of them, with a highlight and without one in turn; first come outliers and shadows."""
+def every_assumption(*, rough: bool = False) -> list[Assumptions]:
+    """Return all of a rough surface or another, with a highlight and without in turn; outliers and shadows first."""
     yes = (True, False)
-    return [Assumptions(*map(np.asarray, (g, o, d))) for o in yes for d in yes for g in yes]
+    return [Assumptions(*map(np.asarray, (g, o, d, rough))) for o in yes for d in yes for g in yes]
 
 
 class ObjectModel(eqx.Module):
     """What the texels of an object have in common."""
 
     assumed: Assumptions
-    shape: HighlightShape
+    shape: ReflectionShape
     relative_misfit: Float[Array, ""]
     """Typical residual relative to the level of a texel."""
     absolute_misfit: Float[Array, ""]
@@ -96,6 +98,8 @@ class Fitted(NamedTuple):
     """Derivatives of the model by both tilts, k_d and k_s."""
     powers: Float[Array, "powers views texels"]
     """Each power of the highlight alone."""
+    by_roughness: Float[Array, "views texels"]
+    """Derivative of the model by the roughness of k_d."""
     k_s: Float[Array, " texels"]
     level: Float[Array, " texels"]
     lit: Bool[Array, "views texels"]
@@ -109,8 +113,11 @@ def fitted(observed: BlockObservations, model: ObjectModel, state: DescentState)
     weighing = model.weighing(observed.level)
     here = around(observed, model.shape, weighing, state)
     powers, lit = observed.lights.shading_of_powers(state.n), observed.lights.reach(state.n)
-    J = jnp.stack(here.J)
-    return Fitted(here.residual, here.weight, J, powers, state.k_s, observed.level, lit, weighing.scale)
+    J, lambert = jnp.stack(here.J), model.shape.of_lambert
+    rougher = eqx.tree_at(lambda shape: shape.roughness, lambert, jnp.ones_like(lambert.roughness))
+    D, more = (observed.lights.shading(shape, state.n)[0] for shape in (lambert, rougher))
+    by_roughness = state.k_d[None] * (more - D)
+    return Fitted(here.residual, here.weight, J, powers, by_roughness, state.k_s, observed.level, lit, weighing.scale)
 
 
 def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> ObjectModel:
@@ -131,7 +138,7 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     S = np.tensordot(np.asarray(model.shape.weight), texels.powers, 1)
     seen = (texels.k_s * texels.level)[S.max(0) > MOST]
     brightest = max(float(np.quantile(seen, 1.0 - SMALL)), 1e-6) if len(seen) > MIN_SAMPLES else np.inf
-    shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3) if model.assumed.glossy else model.shape
+    shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
     numbers = relative, absolute, absolute / typical_level(np.asarray(texels.level)), brightest
     return ObjectModel(model.assumed, shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
 
@@ -148,21 +155,27 @@ def typical_level(level: Float[np.ndarray, " texels"]) -> float:
     return float(np.median(level[level >= MINOR * np.quantile(level, 1.0 - SMALL)]))
 
 
-def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:
-    """Return the shape after a Gauss-Newton step on the weights, with the first numbers of each texel eliminated."""
-    current = np.asarray(model.shape.weight, np.float64)
+def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> ReflectionShape:
+    """Return the shape after a Gauss-Newton step on what may be learned, the first numbers of each texel eliminated."""
+    current = np.append(np.asarray(model.shape.weight, np.float64), model.shape.roughness)
+    learns = np.append(np.full(len(current) - 1, model.assumed.glossy), model.assumed.rough)
+    if not learns.any():
+        return model.shape
     root = np.sqrt(texels.weight / texels.scale[None] ** 2).T[..., None]  # (texels, views, 1)
-    A = np.moveaxis(np.asarray(texels.k_s * texels.powers), 0, -1).swapaxes(0, 1) * root
-    target = A @ current - texels.residual.T * root[..., 0]
+    A = np.concatenate([texels.k_s * texels.powers, texels.by_roughness[None]])[learns]
+    A = np.moveaxis(A, 0, -1).swapaxes(0, 1) * root
+    target = A @ current[learns] - texels.residual.T * root[..., 0]
     Q, _ = np.linalg.qr(np.moveaxis(np.asarray(texels.J[:eliminated]), 0, -1).swapaxes(0, 1) * root)
     A = A - Q @ (Q.swapaxes(1, 2) @ A)
     target = target - (Q @ (Q.swapaxes(1, 2) @ target[..., None]))[..., 0]
-    A, target = A.reshape(-1, len(current)), target.ravel()
+    A, target = A.reshape(-1, learns.sum()), target.ravel()
     G = A.T @ A
-    if not np.trace(G) > np.finfo(np.float32).tiny:  # no texel has a highlight
-        return model.shape
-    ridge = RIDGE * np.trace(G) / len(G)
-    L = np.linalg.cholesky(G + ridge * np.eye(len(G)))
+    powers, rough = np.split(np.diag(G), [learns[:-1].sum()])
+    mean = np.append(np.full(len(powers), powers.mean() if len(powers) else 0.0), rough)
+    ridge = np.maximum(RIDGE * mean, np.finfo(np.float32).tiny)  # where no texel has a highlight, all is 0
+    L = np.linalg.cholesky(G + np.diag(ridge))
     # without k_s, the size of the weights is nobody's: they stay near the current ones
-    weight = nnls(L.T, np.linalg.solve(L, A.T @ target + (ridge * current if eliminated == 4 else 0.0)))[0]
-    return shape_of(weight) if weight.sum() > 0.0 else model.shape
+    kept = ridge * current[learns] if eliminated == 4 else 0.0
+    found = current.copy()
+    found[learns] = nnls(L.T, np.linalg.solve(L, A.T @ target + kept))[0]
+    return shape_of(found[:-1], found[-1]) if found[:-1].sum() > 0.0 else model.shape

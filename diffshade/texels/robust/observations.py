@@ -7,19 +7,22 @@ one scale for all texels. The darkest observations are left out of the search, f
 
 from __future__ import annotations
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import ArrayLike, Bool, Float
 
 from ...core.fields import Array
+from ...core.thresholds import SMALL
 from ...model.lobes import AbstractPowerLobe
 from ...model.vectors import Vec3, dot
 from ..blocks import TexelBlock, reflected
 from ..geometry import FreeNormalGeometry, lighting_geometry
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
-from .highlight_shape import HighlightShape, powers_of
+from .reflection_shape import ReflectionShape, powers_of
 
 DARKEST_SHARE = 0.15  # share of the observations that is left out, so long as MIN_BELIEVED are left
 MIN_BELIEVED = 5
@@ -36,11 +39,11 @@ class Lights(eqx.Module):
     """Components (1, 1, texels or 1)."""
     lobe: AbstractPowerLobe
 
-    def shading(self, shape: HighlightShape, n: Vec3) -> tuple[Array, Array]:
-        """Return D = (n.l)_+ and S of each view, for normals of shape (1, texels)."""
-        lit, n_l, cosine = self._cosines(n)
+    def shading(self, shape: ReflectionShape, n: Vec3) -> tuple[Array, Array]:
+        """Return D and S of each view, for normals of shape (1, texels)."""
+        lit, D, cosine = self._cosines(n, shape.roughness)
         S, _ = shape.at(cosine)
-        return self._sum(jnp.where(lit, n_l, 0.0)), self._sum(jnp.where(lit, S, 0.0))
+        return self._sum(jnp.where(lit, D, 0.0)), self._sum(jnp.where(lit, S, 0.0))
 
     def shading_of_powers(self, n: Vec3) -> Float[Array, "powers views texels"]:
         """Return each power of the cosine that a highlight has."""
@@ -48,20 +51,20 @@ class Lights(eqx.Module):
         return jnp.stack([self._sum(jnp.where(lit, power, 0.0)) for power in powers_of(cosine)])
 
     def shading_of_power(self, n_s: Float[Array, " texels"], n: Vec3) -> tuple[Array, Array]:
-        """Return D and a single power of the cosine of each view."""
+        """Return D by Lambert's law, and a single power of the cosine, of each view."""
         lit, n_l, cosine = self._cosines(n)
         power = jnp.where(lit & (cosine > 0.0), jnp.maximum(cosine, 1e-6) ** n_s[None, None], 0.0)
         return self._sum(jnp.where(lit, n_l, 0.0)), self._sum(power)
 
-    def slopes(self, shape: HighlightShape, n: Vec3, tangents: tuple[Vec3, Vec3]) -> tuple[Array, ...]:
+    def slopes(self, shape: ReflectionShape, n: Vec3, tangents: tuple[Vec3, Vec3]) -> tuple[Array, ...]:
         """Return D and S of each view, and the derivatives of both along two tangents of the normals."""
-        (n_l, cosine), along = jax.linearize(self._of_normal, n)
-        lit, cosine, inside = n_l > 0.0, jnp.clip(cosine, 0.0, 1.0), cosine > 0.0
+        (D, cosine), along = jax.linearize(partial(self._of_normal, roughness=shape.roughness), n)
+        lit, cosine, inside = D > 0.0, jnp.clip(cosine, 0.0, 1.0), cosine > 0.0
         S, by_cosine = shape.at(cosine)
-        found = [jnp.where(lit, n_l, 0.0), jnp.where(lit, S, 0.0)]
+        found = [jnp.where(lit, D, 0.0), jnp.where(lit, S, 0.0)]
         for tangent in tangents:
-            dn_l, dcosine = along(tangent)
-            found += [jnp.where(lit, dn_l, 0.0), jnp.where(lit & inside, by_cosine * dcosine, 0.0)]
+            dD, dcosine = along(tangent)
+            found += [jnp.where(lit, dD, 0.0), jnp.where(lit & inside, by_cosine * dcosine, 0.0)]
         return tuple(map(self._sum, found))
 
     def facing_camera(self) -> Float[Array, "views _"]:
@@ -72,13 +75,16 @@ class Lights(eqx.Module):
         """Return in which views a light reaches the texels."""
         return self._sum(jnp.where(self._cosines(n)[0], 1.0, 0.0)) > 0.0
 
-    def _of_normal(self, n: Vec3) -> tuple[Array, Array]:
+    def _of_normal(self, n: Vec3, roughness: Float[ArrayLike, ""] = 0.0) -> tuple[Array, Array]:
+        """Return D of each emitter, below 0 where none of its light arrives, and the cosine of the lobe."""
         n = jax.tree.map(lambda c: c[None, None], n)
-        return dot(n, self.l), self.lobe.cosine(n, self.l, self.v)
+        n_l, n_v = dot(n, self.l), jnp.maximum(dot(n, self.v), SMALL)
+        towards_light = jnp.maximum(dot(self.l, self.v) - n_l * n_v, 0.0) * jnp.clip(n_l / n_v, 0.0, 1.0)
+        return n_l + roughness * towards_light, self.lobe.cosine(n, self.l, self.v)
 
-    def _cosines(self, n: Vec3) -> tuple[Array, Array, Array]:
-        n_l, cosine = self._of_normal(n)
-        return n_l > 0.0, n_l, jnp.clip(cosine, 0.0, 1.0)
+    def _cosines(self, n: Vec3, roughness: Float[ArrayLike, ""] = 0.0) -> tuple[Array, Array, Array]:
+        D, cosine = self._of_normal(n, roughness)
+        return D > 0.0, D, jnp.clip(cosine, 0.0, 1.0)
 
     def _sum(self, each: Float[Array, "views emitters texels"]) -> Float[Array, "views texels"]:
         return each[:, 0] if each.shape[1] == 1 else jnp.sum(self.strength * each, 1)

@@ -19,8 +19,8 @@ from ...model.vectors import Vec3, normalize, tangents_of
 from ..descent import FAR
 from ..linear_systems import solve
 from .candidates import weighted_coefficients
-from .highlight_shape import HighlightShape
 from .observations import BlockObservations
+from .reflection_shape import ReflectionShape
 
 MAX_TILT = 0.2  # of the normal, as its tangent
 LESS_DAMPING, MORE_DAMPING = 0.3, 6.0  # factors after a step that lowers the cost, and one that does not
@@ -63,7 +63,7 @@ class System(NamedTuple):
     g: list[Array]
 
 
-def begin(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, n: Vec3) -> DescentState:
+def begin(observed: BlockObservations, shape: ReflectionShape, weighing: Weighing, n: Vec3) -> DescentState:
     """Return the state at these normals with the best k_d and k_s for squares."""
     D, S = observed.lights.shading(shape, n)
     ridge = weighing.ridge * weighing.scale**2
@@ -72,7 +72,7 @@ def begin(observed: BlockObservations, shape: HighlightShape, weighing: Weighing
 
 
 def descend(
-    observed: BlockObservations, shape: HighlightShape, weighing: Weighing, start: DescentState, steps: int
+    observed: BlockObservations, shape: ReflectionShape, weighing: Weighing, start: DescentState, steps: int
 ) -> DescentState:
     """Return the states after some steps, of which each texel takes those that lower its cost."""
 
@@ -94,7 +94,7 @@ def descend(
     return jax.lax.fori_loop(0, steps + 1, step, (begun, [[zero] * 4] * 4, [zero] * 4, damping))[0]
 
 
-def around(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, state: DescentState) -> Local:
+def around(observed: BlockObservations, shape: ReflectionShape, weighing: Weighing, state: DescentState) -> Local:
     """Return the residuals of a state, their derivatives and their weights, which many sums share."""
     tangents = tangents_of(state.n)
     D, S, *by_tilt = observed.lights.slopes(shape, state.n, tangents)
@@ -105,7 +105,7 @@ def around(observed: BlockObservations, shape: HighlightShape, weighing: Weighin
     return stored(Local(residual, (by_a, by_b, D, S), weight))
 
 
-def system(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, state: DescentState) -> System:
+def system(observed: BlockObservations, shape: ReflectionShape, weighing: Weighing, state: DescentState) -> System:
     """Return the cost of a state and its normal equations, one view after another: only sums leave a core's cache."""
     pairs = [(i, j) for i in range(4) for j in range(i + 1)]
     rho = LOSSES[weighing.loss]

@@ -27,9 +27,9 @@ from .block_coefficients import BlockCoefficients, Shown, coefficients_of, shown
 from .block_fits import Normals, normals_of, seen_by
 from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
-from .highlight_shape import EXPONENTS, EitherLobe, beside_blinn, lobe_taken, note_on_lobe
 from .learning import Assumptions, ObjectModel, learned
 from .neighbours import MARGIN, corrected, grid_of, mean_around, scatter_of
+from .reflection_shape import EXPONENTS, EitherLobe, beside_blinn, lobe_taken, note_on_lobe, note_on_roughness
 from .stated_errors import COLUMNS, PartFits, SpreadColumns, fit_parts, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
@@ -162,7 +162,7 @@ class RobustRun(TexelWork):
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
         given, taken = reader.scene.objects[0].material.lobe, lobe_taken(self.setup.lobe)
         on_highlight = note_on_lobe(given, taken) if models[0].assumed.glossy else (MATTE_NOTE,)
-        notes = (*notes, *note, *on_highlight)
+        notes = (*notes, *note, *on_highlight, *note_on_roughness(models[0].shape))
         scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, taken)
         return TexelMaps(
             arrays.values(),

@@ -1,9 +1,14 @@
-r"""Highlight shape: how bright a highlight is at each angle, shared by all texels of an object or a region.
+r"""Reflection shape: how bright k_d and k_s are at each angle, shared by all texels of an object or a region.
 
 $$ S = \sum_j w_j (\cos)_+^{p_j}, \quad p_j = 4 \cdot 2^j, \quad w_j \ge 0, \quad \sum_j w_j = 1 $$
 
 Real highlights have a narrow core and long tails, which no single exponent has, and one texel shows too little of its
 highlight to say where in between it lies.
+
+$$ D = (n \cdot l)_+ + r (l \cdot v - n \cdot l \; n \cdot v)_+ \min(1, n \cdot l / n \cdot v) $$
+
+Clay, plaster and stone reflect more towards the light than Lambert's law has it. r is B / A of Oren and Nayar (1994),
+eq. 30, whose product of cosine, sine and tangent is written here without angles.
 """
 
 from __future__ import annotations
@@ -23,10 +28,12 @@ EXPONENTS = tuple(4.0 * 2.0**j for j in range(9))
 FIRST = 4  # index of the exponent, 64, that learning begins with
 
 
-class HighlightShape(eqx.Module):
-    """The weights of the powers of a highlight."""
+class ReflectionShape(eqx.Module):
+    """The weights of the powers of a highlight, and r of k_d."""
 
     weight: Float[Array, " powers"]
+    roughness: Float[Array, ""]
+    """r: 0 by Lambert's law, .9 of the roughest surface of Oren and Nayar."""
 
     def at(self, cosine: Float[Array, "..."]) -> tuple[Array, Array]:
         """Return S and its derivative by the cosine, at cosines from 0 to 1."""
@@ -34,6 +41,11 @@ class HighlightShape(eqx.Module):
         for exponent, weight, power in zip(EXPONENTS, self.weight, powers_of(cosine), strict=True):
             value, slope = value + weight * power, slope + exponent * weight * power
         return value, slope / jnp.maximum(cosine, 1e-3)
+
+    @property
+    def of_lambert(self) -> ReflectionShape:
+        """The same highlight beside Lambert's law, as the maps' scene has it."""
+        return eqx.tree_at(lambda shape: shape.roughness, self, jnp.zeros_like(self.roughness))
 
     @property
     def albedo(self) -> Array:
@@ -91,15 +103,27 @@ def lobe_taken(lobe: AbstractPowerLobe) -> AbstractPowerLobe:
     return lobe.lobes[int(lobe.second)] if isinstance(lobe, EitherLobe) else lobe
 
 
-def first_shape() -> HighlightShape:
+def first_shape() -> ReflectionShape:
     """Return the shape that learning begins with."""
-    return HighlightShape(np.eye(len(EXPONENTS), dtype=np.float32)[FIRST])
+    return shape_of(np.eye(len(EXPONENTS))[FIRST], 0.0)
 
 
-def shape_of(weight: Float[np.ndarray, " powers"]) -> HighlightShape:
-    """Return the shape of these weights, small ones left out."""
+def shape_of(weight: Float[np.ndarray, " powers"], roughness: float) -> ReflectionShape:
+    """Return the shape of these weights, small ones left out, and this roughness."""
     kept = np.where(weight < SLIGHT * weight.sum(), 0.0, weight)
-    return HighlightShape((kept / kept.sum()).astype(np.float32))
+    return ReflectionShape((kept / kept.sum()).astype(np.float32), np.float32(roughness))
+
+
+def note_on_roughness(shape: ReflectionShape) -> tuple[Note, ...]:
+    """Return a note where k_d is that of a rough surface."""
+    if not shape.roughness > 0.0:
+        return ()
+    why = (
+        "the surface is rough, as clay, plaster and stone are: it reflects more towards the light than Lambert's law "
+        f"has it (Oren and Nayar 1994: B / A is {float(shape.roughness):.2g}). The normals allow for this; k_d is that "
+        "under light from the camera, and images of the maps have what is beyond Lambert's law as the photographs show."
+    )
+    return (Note(why, "rough"),)
 
 
 def note_on_lobe(given: AbstractReflectance, taken: AbstractReflectance) -> tuple[Note, ...]:
