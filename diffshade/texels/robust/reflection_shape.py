@@ -111,7 +111,7 @@ def first_shape() -> ReflectionShape:
 def shape_of(weight: Float[np.ndarray, " powers"], roughness: float) -> ReflectionShape:
     """Return the shape of these weights, small ones left out, and this roughness."""
     kept = np.where(weight < SLIGHT * weight.sum(), 0.0, weight)
-    return ReflectionShape((kept / kept.sum()).astype(np.float32), np.float32(roughness))
+    return ReflectionShape((kept / kept.sum()).astype(np.float32), np.asarray(roughness, np.float32))
 
 
 def note_on_roughness(shape: ReflectionShape) -> tuple[Note, ...]:
