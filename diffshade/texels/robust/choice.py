@@ -50,9 +50,8 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     """Return the model of an object under the assumptions by which photographs that are left out are predicted best.
 
     Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
-    one. A rough surface is judged before, with all else assumed. The object is matte where a highlight does not lower
-    the error. With fewer than six views all is assumed, for
-    nothing can be left out.
+    one. A rough surface is judged before, with outliers and darkness assumed. The object is matte where a highlight
+    does not lower the error. With fewer than six views, of which none can be left out, all is assumed but that.
 
     Args:
         work: The fit.
@@ -69,11 +68,12 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
             other = learned(other, work.sample_at_minimum(few, other))
         return Judged(other, errors_of_shared(work, few, [other]))
 
-    smooth, rough = (judged(every_assumption(rough=yes)[0]) for yes in (False, True))
+    first = {yes: [judged(assumed) for assumed in every_assumption(rough=yes)[:2]] for yes in (False, True)}
+    smooth, rough = (min(first[yes], key=lambda one: mean_error(one.errors)) for yes in (False, True))
     is_rough = clearly_better(smooth.errors, rough.errors, times=3.0)  # errors of the lights look a little like it
-    tried, every = [rough if is_rough else smooth], every_assumption(rough=is_rough)
-    for k, assumed in enumerate(every[1:]):
-        work.tiles.report_progress("choosing what to assume:", (k + 1) / len(every))
+    tried, every = first[is_rough], every_assumption(rough=is_rough)
+    for k, assumed in enumerate(every[2:], 3):
+        work.tiles.report_progress("choosing what to assume:", k / len(every))
         tried.append(judged(assumed))
     glossy, matte = (_best_of([one for one in tried if one.model.assumed.glossy == yes]) for yes in (True, False))
     return glossy.model if mean_error(glossy.errors) < mean_error(matte.errors) else matte.model
