@@ -199,6 +199,14 @@ FAULTS = (
         plausible=(0.4, 1.7),  # 1 is exactly the other lobe
     ),
     Fault(
+        "rough",
+        "the surface is rough, as clay, plaster and stone are: it reflects more towards the light than by Lambert's "
+        "law (Oren and Nayar 1994: B / A is {f.size:.2g})",
+        "No material of a scene does so. Exclude with View.mask what turns away from the camera, where it shows most.",
+        other_scenes.of_roughness,
+        plausible=(0.0, 1.0),
+    ),
+    Fault(
         "missing highlight",
         "there is a highlight, with n_s near {n_s:.2g}, that the scene does not have: its k_s is 0, and not free",
         "Free 'k_s' and 'n_s'.",

@@ -18,14 +18,14 @@ from ...model.attenuation import AbstractAttenuation, RadialAttenuation
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.gbuffers import GBuffer
-from ...model.lights import AbstractLamp
+from ...model.lights import AbstractLamp, DirectionalLight
 from ...model.lobes import EXPONENTS, AbstractPowerLobe, Blinn, Phong
 from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from ..data.recording import photograph
-from ..data.views import View
+from ..data.views import View, lights_on
 from ..result import Fit
 from .changes import Case
 from .linearised import Linearised
@@ -45,6 +45,32 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
                 renamed[j] = at.fit.values[j] * (1.0 - (0.25 if blinn else 4.0))
     for case in _of_material(at, 0, with_other_lobe):
         yield replace(case, renamed=renamed)
+
+
+def of_roughness(at: Linearised) -> Iterator[Case]:
+    """Yield surfaces that reflect more towards the light than Lambert's law has it, as those of clay and plaster do.
+
+    An amount is B / A of Oren and Nayar (1994), eq. 30. Each view has one light, whose light then tells k_d's share.
+    """
+    kinds = (AbstractLamp, DirectionalLight)
+    single = all(len(lit) == 1 and isinstance(at.fit.scene.lights[lit[0]], kinds) for lit in at.set_up.lit)
+    if at.drawable and single and not any(item.material.k_t is not None for item in at.fit.scene.objects):
+        rougher = (_towards_light(at.fit.scene, view) for view in at.fit.views)
+        yield Case(0, at.of(rougher)[None])
+
+
+def _towards_light(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
+    """Return what the roughest surfaces of a scene would show a view beyond Lambert's law."""
+    n, p, _, n_v, ray = seen_points(scene.objects, view.camera)
+    light: Any = scene.lights[lights_on(scene, view)[0]]
+    l = -np.asarray(light.direction) if isinstance(light, DirectionalLight) else np.asarray(light.position) - p
+    l = l / np.linalg.norm(l, axis=-1, keepdims=True)
+    n_l, n_v = np.sum(n * l, -1), np.maximum(n_v, SMALL)
+    more = np.maximum(-np.sum(l * ray, -1) - n_l * n_v, 0.0) / np.maximum(np.maximum(n_l, n_v), SMALL)
+    none = [jax.tree.map(np.zeros_like, {"k_a": item.material.k_a, "k_s": item.material.k_s}) for item in scene.objects]
+    matte = [replace(item.material, **of) for item, of in zip(scene.objects, none, strict=True)]
+    shown = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, matte)
+    return more[..., None] * (photograph(shown, view) - float(view.black))
 
 
 def of_second_highlight(at: Linearised) -> Iterator[Case]:
