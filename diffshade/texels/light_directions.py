@@ -55,11 +55,11 @@ def scatter(
         if n is not None:
             s = jnp.where(dot(jax.tree.map(lambda c: c[None], n), l) > 0.0, s, 0.0)
         a = jnp.stack(jnp.broadcast_arrays(*(jnp.sum(s * c, 0) for c in (l.x, l.y, l.z)), exposure))
-        return S + w.mean(0) * a[:, None] * a, None
+        return S + w.mean(0)[None, None] * a[:, None] * a[None], None
 
     S, _ = jax.lax.scan(add, jnp.zeros((4, 4, weight.shape[2])), (l, strength, exposure, weight))
     if ambient:
-        S = S - S[:, 3:] * S[3:] / jnp.where(S[3, 3] > 0.0, S[3, 3], 1.0)
+        S = S - S[:, 3:] * S[3:] / jnp.where(S[3:, 3:] > 0.0, S[3:, 3:], 1.0)
     return S[:3, :3]
 
 
@@ -69,9 +69,9 @@ def out_of_plane(S: Scatter) -> Float[Array, " texels"]:
     It is the root of the smallest eigenvalue of S over its trace, in closed form (Smith 1961).
     """
     trace = jnp.trace(S)
-    A = S / jnp.where(trace > 0.0, trace, 1.0) - jnp.eye(3)[..., None] / 3.0
+    A = S / jnp.where(trace > 0.0, trace, 1.0)[None, None] - jnp.eye(3)[..., None] / 3.0
     p = jnp.sqrt(jnp.sum(A**2, (0, 1)) / 6.0)
-    B = A / jnp.where(p > 0.0, p, 1.0)
+    B = A / jnp.where(p > 0.0, p, 1.0)[None, None]
     determinant = jnp.sum(B[0] * jnp.cross(B[1], B[2], axis=0), 0)
     turn = jnp.arccos(jnp.clip(0.5 * determinant, -1.0, 1.0)) / 3.0
     smallest = 1.0 / 3.0 + 2.0 * p * jnp.cos(turn + 2.0 * jnp.pi / 3.0)
