@@ -123,4 +123,4 @@ def scatter_of_block(setup: LightingSetup, block: TexelBlock, ambient: bool) -> 
     """Return the scatter matrix S of the lights of each texel, over all views in which it counts."""
     geometry = lighting_geometry(setup, block.p, block.v)
     weight = jnp.where(block.observed.counts[:, None], 1.0, 0.0)
-    return scatter(geometry.l, geometry.strength, setup.exposure, weight, None, ambient=ambient)
+    return jnp.asarray(scatter(geometry.l, geometry.strength, setup.exposure, weight, None, ambient=ambient))

@@ -12,6 +12,7 @@ in a plane through v). So a normal counts as determined only where S has full ra
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -26,7 +27,7 @@ from ..model.vectors import Vec3, dot
 # Limits of the root mean square sine of the angle between the lights and the plane nearest to them.
 MIN_SPREAD = 0.15  # up to this the lights are so close together that a highlight and a tilt look alike
 
-Scatter = Float[Array, "3 3 texels"]
+Scatter = Sequence[Sequence[Float[Array, " texels"]]]
 
 
 def scatter(
@@ -48,19 +49,24 @@ def scatter(
         n: Normals; lights behind the surface do not count. None counts all lights.
         ambient: Whether k_a is free, which absorbs what all views have in common.
     """
+    pairs = [(i, j) for i in range(4) for j in range(i + 1)]
 
-    def add(S: Array, view: tuple[Vec3, Array, Array, Array]) -> tuple[Array, None]:
+    def add(total: list[Array], view: tuple[Vec3, Array, Array, Array]) -> tuple[list[Array], None]:
         l, strength, exposure, w = view
         s = strength.mean(0)
         if n is not None:
             s = jnp.where(dot(jax.tree.map(lambda c: c[None], n), l) > 0.0, s, 0.0)
-        a = jnp.stack(jnp.broadcast_arrays(*(jnp.sum(s * c, 0) for c in (l.x, l.y, l.z)), exposure))
-        return S + w.mean(0)[None, None] * a[:, None] * a[None], None
+        a = [*(jnp.sum(s * c, 0) for c in (l.x, l.y, l.z)), exposure]
+        w = w.mean(0)
+        return [t + w * a[i] * a[j] for t, (i, j) in zip(total, pairs, strict=True)], None
 
-    S, _ = jax.lax.scan(add, jnp.zeros((4, 4, weight.shape[2])), (l, strength, exposure, weight))
+    zero = jnp.zeros(weight.shape[2])
+    lower, _ = jax.lax.scan(add, [zero] * len(pairs), (l, strength, exposure, weight))
+    S = [[lower[pairs.index((max(i, j), min(i, j)))] for j in range(4)] for i in range(4)]
     if ambient:
-        S = S - S[:, 3:] * S[3:] / jnp.where(S[3:, 3:] > 0.0, S[3:, 3:], 1.0)
-    return S[:3, :3]
+        shared = jnp.where(S[3][3] > 0.0, S[3][3], 1.0)
+        S = [[S[i][j] - S[i][3] * S[3][j] / shared for j in range(3)] for i in range(3)]
+    return [row[:3] for row in S[:3]]
 
 
 def out_of_plane(S: Scatter) -> Float[Array, " texels"]:
@@ -68,11 +74,16 @@ def out_of_plane(S: Scatter) -> Float[Array, " texels"]:
 
     It is the root of the smallest eigenvalue of S over its trace, in closed form (Smith 1961).
     """
-    trace = jnp.trace(S)
-    A = S / jnp.where(trace > 0.0, trace, 1.0)[None, None] - jnp.eye(3)[..., None] / 3.0
-    p = jnp.sqrt(jnp.sum(A**2, (0, 1)) / 6.0)
-    B = A / jnp.where(p > 0.0, p, 1.0)[None, None]
-    determinant = jnp.sum(B[0] * jnp.cross(B[1], B[2], axis=0), 0)
+    trace = S[0][0] + S[1][1] + S[2][2]
+    safe = jnp.where(trace > 0.0, trace, 1.0)
+    A = [[S[i][j] / safe - (1.0 / 3.0) * (i == j) for j in range(3)] for i in range(3)]
+    p = jnp.sqrt(sum((A[i][j] ** 2 for i in range(3) for j in range(3)), jnp.zeros_like(trace)) / 6.0)
+    B = [[a / jnp.where(p > 0.0, p, 1.0) for a in row] for row in A]
+    determinant = (
+        B[0][0] * (B[1][1] * B[2][2] - B[1][2] * B[2][1])
+        - B[0][1] * (B[1][0] * B[2][2] - B[1][2] * B[2][0])
+        + B[0][2] * (B[1][0] * B[2][1] - B[1][1] * B[2][0])
+    )
     turn = jnp.arccos(jnp.clip(0.5 * determinant, -1.0, 1.0)) / 3.0
     smallest = 1.0 / 3.0 + 2.0 * p * jnp.cos(turn + 2.0 * jnp.pi / 3.0)
     return jnp.where(trace > 0.0, jnp.sqrt(jnp.maximum(smallest, 0.0)), 0.0)

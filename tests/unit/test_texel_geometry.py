@@ -20,7 +20,7 @@ def test_the_angle_to_the_nearest_plane_is_the_smallest_singular_value():
     l = rng.standard_normal((50, 6, 3)) * np.array([1.0, 0.5, 0.0]) + rng.uniform(0, 0.1, (50, 1, 1)) * rng.random(3)
     l[0] = 0.0  # a texel that no light reaches
     S = np.einsum("tvi,tvj->ijt", l, l)
-    found = np.asarray(out_of_plane(jnp.asarray(S)))
+    found = np.asarray(out_of_plane([list(map(jnp.asarray, row)) for row in S]))
     values = np.linalg.svd(l[1:], compute_uv=False)
     np.testing.assert_allclose(found[1:], values[:, 2] / np.linalg.norm(l[1:], axis=(1, 2)), atol=1e-7)
     assert found[0] == 0.0
