@@ -68,6 +68,12 @@ def listing(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
+def first_of(things: Sequence[str]) -> str:
+    """Return the first of some things as a phrase, and the number of the others."""
+    more = f", and {len(things) - MAX_NAMED} more" if len(things) > MAX_NAMED else ""
+    return ", ".join(things[:MAX_NAMED]) + more
+
+
 def count(number: int, noun: str) -> str:
     """Return a number and what it counts."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -10,11 +10,11 @@ $$ \partial_y (b_1 / b_3) = \partial_x (b_2 / b_3) $$
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 
 from ..core.fields import Array
@@ -23,32 +23,15 @@ from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT
 from ..core.words import Note
 from ..inverse.data.views import View
 from ..inverse.misfit.conventions import axes_in_words, orders, other_axes
-from ..inverse.unknowns.light_priors import middle_of
 from ..model.cameras import axes
 from ..model.lights import AbstractEmitter
 from ..model.scenes import Scene
 from ..model.vectors import Vec3
 from .light_directions import MIN_SPREAD
+from .lights.matte import SIGMA, Cells, cells_of, surface_under
 from .lights.placing import one_light_each
-from .lights.uncalibrated import SIGMA, middle_ranks, pseudo_normals, slopes
 from .random_orders import random_order_is_as_good
 from .tiles import SAMPLED_ROWS, TexelTile, ViewReader
-
-
-class _Lamps(NamedTuple):
-    """The light of each view, at the middle of the object."""
-
-    towards: Float[np.ndarray, "views 3"]
-    power: Float[np.ndarray, " views"]
-
-
-class _Cells(NamedTuple):
-    """What the views show of an object, on a grid of about 64 cells along its longer side."""
-
-    seen: Float[np.ndarray, "views h w"]
-    """Brightness, of exposure 1."""
-    counts: Bool[np.ndarray, "views h w"]
-    inside: Bool[np.ndarray, "h w"]
 
 
 class _Shape(NamedTuple):
@@ -81,17 +64,22 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
         reader: What reads them.
         sample: Texels from all over the object.
     """
-    lamps = _lamps(scene, views)
-    if lamps is None or len(views) < FEW or not len(sample.pixels):
+    lights = one_light_each(scene, views)
+    if lights is None or len(views) < FEW or not len(sample.pixels):
         return None
-    off_plane = np.linalg.svd(lamps.towards, compute_uv=False)[2] / np.sqrt(len(views))
-    cells = _cells(views, reader, sample)
-    given, found = _shape(cells, lamps), None
+    towards, middle = lights.directions, Vec3.of(lights.middle)
+    power = np.array([np.mean(_arriving(scene.lights[i], middle)) for i in lights.used])
+    off_plane = np.linalg.svd(towards, compute_uv=False)[2] / np.sqrt(len(views))
+    cells = cells_of(views, reader, sample, SAMPLED_ROWS)
+    given, found = _shape(cells, towards, power), None
     if given is not None and off_plane >= MIN_SPREAD:
         camera = np.array([np.asarray(axis.stack()) for axis in axes(reader.camera)])
-        found = _described_otherwise(given, _moved(views, cells, lamps, camera), camera)
+        alone = len({view.lit for view in views}) == len(views)
+        others = [(_shape(cells, towards[k], power[k]), words) for words, k in orders(len(views)) if alone]
+        moved = [(_doubt(shape, camera), words) for shape, words in others if shape is not None]
+        found = _described_otherwise(given, moved, camera)
     shown = (cells.seen[:, cells.inside], cells.counts[:, cells.inside])
-    if found is None and random_order_is_as_good(*shown, lamps.towards, lamps.power):
+    if found is None and random_order_is_as_good(*shown, towards, power):
         found = (
             "the photographs do not belong to their lights: listed in a random order, the lights agree with them as "
             "well. Check the order of the lights and of the photographs"
@@ -130,91 +118,32 @@ def _described_otherwise(
     return f"{found}{', unless the object is hollow at its outline' if inside_out else ''}"
 
 
-def _moved(
-    views: Sequence[View], cells: _Cells, lamps: _Lamps, camera: Float[np.ndarray, "3 3"]
-) -> list[tuple[float, str]]:
-    """Return the doubt that each of the usual other orders leaves, where each view has a light of its own."""
-    if len({view.lit for view in views}) < len(views):
-        return []
-    shapes = [
-        (_shape(cells, _Lamps(lamps.towards[order], lamps.power[order])), words) for words, order in orders(len(views))
-    ]
-    return [(_doubt(shape, camera), words) for shape, words in shapes if shape is not None]
-
-
-def _lamps(scene: Scene, views: Sequence[View]) -> _Lamps | None:
-    """Return the light of each view; None where one has several, or one that is neither a direction nor a position."""
-    used = one_light_each(scene, views)
-    if used is None:
-        return None
-    middle, found = Vec3.of(middle_of(scene)), []
-    for i in used:
-        light: Any = scene.lights[i]
-        towards, power = map(np.asarray, _arriving(light, middle))
-        found.append((towards, float(np.mean(power))))
-    towards, power = map(np.array, zip(*found, strict=True))
-    return _Lamps(towards, power)
-
-
 @jax.jit
-def _arriving(light: AbstractEmitter, p: Vec3) -> tuple[Array, Array]:
-    """Return the direction from a point to a light, and the light that arrives there."""
-    towards, power = light.arriving(p)
-    return towards.stack(), power.stack()
+def _arriving(light: AbstractEmitter, p: Vec3) -> Array:
+    """Return the light that arrives at a point."""
+    return light.arriving(p)[1].stack()
 
 
-def _cells(views: Sequence[View], reader: ViewReader, sample: TexelTile) -> _Cells:
-    """Return what the views show of a grid of cells: of each the mean of its upper row of pixels."""
-    height, width = reader.shape
-    row, column = np.divmod(sample.pixels, width)
-    size = int(max(np.ptp(row), np.ptp(column)) // SAMPLED_ROWS + 1)
-    first, left = (max(int(of.min()) - 2 * size, 0) for of in (row, column))
-    last, right = (min(int(of.max()) + 2 * size, end - 1) for of, end in ((row, height), (column, width)))
-    h, w = (last - first) // size + 1, (right - left) // size + 1
-    scale = [(float(view.black), float(view.exposure)) for view in views]
-    black, exposure = np.array(scale).T[..., None]
-    seen, counts, inside = np.zeros((len(views), h, w)), np.zeros((len(views), h, w)), np.zeros((h, w))
-    for r in range(h):
-        tile = reader.read(first + r * size, first + r * size + 1, 1)
-        c = (tile.pixels % width - left) // size
-        kept = (c >= 0) & (c < w)
-        c, tile = c[kept], tile.part(np.flatnonzero(kept))
-        y = (np.asarray(tile.target, np.float64).mean(1) - black) / exposure
-        inside[r] = np.bincount(c, minlength=w)
-        for v, (of, known) in enumerate(zip(y, tile.counts, strict=True)):
-            seen[v, r] = np.bincount(c, of * known, w)
-            counts[v, r] = np.bincount(c, known, w)
-    most = inside > MOST * size
-    return _Cells(seen / np.maximum(counts, 1.0), (counts == inside) & most, most)
-
-
-def _shape(cells: _Cells, lamps: _Lamps) -> _Shape | None:
-    """Return what the cells say of the shape under lamps; None if no cell has neighbours."""
-    lit = lamps.power[:, None] > 0.0
-    y = cells.seen[:, cells.inside] / np.where(lit, lamps.power[:, None], 1.0)
-    counts = cells.counts[:, cells.inside] & lit
-    b = pseudo_normals(y, counts, lamps.towards)
-    whole = np.zeros((*cells.inside.shape, 3))
-    whole[cells.inside] = b
-    smooth, by_x, by_y, _ = slopes(cells.inside, whole)
-    used = middle_ranks(y, counts)
-    if not len(smooth) or not used.any():
+def _shape(cells: Cells, towards: Float[np.ndarray, "views 3"], power: Float[np.ndarray, " views"]) -> _Shape | None:
+    """Return what the cells say of the shape under lights; None if no cell has neighbours."""
+    found = surface_under(cells, towards, power)
+    if not found.whole.any() or np.isinf(found.misfit):
         return None
-    level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), TINY)
-    square = np.maximum((smooth**2).sum(-1, keepdims=True), TINY)
+    b = found.b[cells.inside]
+    square = np.maximum((found.smooth**2).sum(-1, keepdims=True), TINY)
     within = binary_erosion(cells.inside, border_value=1)  # the picture's end is no outline
     edge = np.greater(cells.inside, within)
     down, right = np.gradient(gaussian_filter(cells.inside.astype(float), SIGMA))
     ring = (binary_fill_holes(cells.inside) != cells.inside).any()  # a groove is too narrow to shade itself much
-    shading = lamps.towards @ b.T
-    grazed = counts & (np.abs(shading / np.maximum(np.linalg.norm(b, axis=-1), TINY) - BLACK) < SMALL)
+    shading = towards @ b.T
+    grazed = found.counts & (np.abs(shading / np.maximum(np.linalg.norm(b, axis=-1), TINY) - BLACK) < SMALL)
     return _Shape(
-        robust_scale(((shading - y) / level)[used]),
+        found.misfit,
         b,
-        (np.cross(smooth, by_x) / square, np.cross(smooth, by_y) / square),
-        _unit(whole[edge]),
+        (np.cross(found.smooth, found.by_x) / square, np.cross(found.smooth, found.by_y) / square),
+        _unit(found.b[edge]),
         _unit(np.stack([-right, down], -1)[edge]),
-        float(np.mean((y < MOST * shading)[grazed])) if grazed.any() and not ring else 1.0,
+        float(np.mean((found.y < MOST * shading)[grazed])) if grazed.any() and not ring else 1.0,
     )
 
 

@@ -32,9 +32,10 @@ from .checks import check_anything_left, checked, checked_light_error
 from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .lighting import LightErrors
-from .lights.exposures import Taught, found_exposures
-from .lights.level import darker, found_level
-from .lights.shifts import believed_shifts
+from .lights.exposures import with_exposures
+from .lights.level import without_level
+from .lights.shifts import without_shifts
+from .lights.taught import Taught
 from .maps import FORMAT, TexelMaps
 from .robust.calibration import GROUPS
 from .robust.choice import own_exponents_predict_better
@@ -223,32 +224,23 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
     run = RobustRun(
         each.setup, each.known, loss or "cauchy", regions, tiles, neighbours=neighbours, light_error=light_error
     )
-    taught, shifts, exposures, level, on_lights = Taught(run, run.learn(sample), sample), None, None, 0.0, ()
-    if other is None and align:
-        views, shifts, taught, on_shifts = believed_shifts(scene, views, taught)
-        notes = (*notes, *on_shifts)
-    if shifts is not None:
-        tiles.reader = ViewReader(scene, views)
-        each = TexelRun(scene, views, free, "squares", regions, tiles)
-    if other is None and match_exposures:
-        level, taught, on_level = found_level(scene, views, taught)
-        if level > 0.0:
-            views = darker(views, level)
-            each = TexelRun(scene, views, free, "squares", regions, tiles)
-        exposures, taught, on_lights = found_exposures(scene, views, taught)
-        on_lights = (*on_level, *on_lights)
-    if other is None and not any(note.kind == "disagrees" for note in on_lights):
-        on_lights = (*on_lights, *note_on_turned_lights(*taught))
-    notes = (*notes, *on_lights)
-    run, models, sample = taught
-    may_be_own = light_error is None and exposures is None
-    by_itself = may_be_own and own_exponents_predict_better(*taught, each.setup.lobe, each.estimates)
-    if by_itself:
+    taught = Taught(scene, views, run, run.learn(sample), sample)
+    if other is None:
+        taught = without_shifts(taught) if align else taught
+        if taught.shifts is not None:
+            tiles.reader = ViewReader(scene, taught.views)
+        taught = with_exposures(without_level(taught)) if match_exposures else taught
+        if not any(note.kind == "disagrees" for note in taught.notes):
+            taught = taught.noted(*note_on_turned_lights(taught.run, taught.models, taught.sample))
+    if taught.views is not views:
+        each = TexelRun(scene, taught.views, free, "squares", regions, tiles)
+    notes, run, models, sample = (*notes, *taught.notes), taught.run, taught.models, taught.sample
+    may_be_own = light_error is None and taught.exposures is None
+    if may_be_own and own_exponents_predict_better(run, models, sample, each.setup.lobe, each.estimates):
         maps = each.maps(lights, notes)
     else:
         maps = run.maps(models, sample, notes if light_error is not None else (*notes, A_DEGREE))
-    as_given = eqx.tree_at(lambda of: of.lights, maps.scene, scene.lights)
-    return dataclasses.replace(maps, scene=as_given, exposures=exposures, shifts=shifts, black=level)
+    return dataclasses.replace(maps, exposures=taught.exposures, shifts=taught.shifts, black=taught.level)
 
 
 def _note_on_highlights(scene: Scene, views: Sequence[View], each: TexelRun) -> tuple[Note, ...]:

@@ -12,9 +12,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..core.robust_scale import robust_scale
 from ..core.thresholds import DEGREE, FEW, TINY
-from .lights.uncalibrated import middle_ranks, pseudo_normals
+from .lights.matte import pseudo_normals
 
 Samples = Float[np.ndarray, "views texels"]
 Counted = Bool[np.ndarray, "views texels"]
@@ -34,7 +33,7 @@ def random_order_is_as_good(
     """
     lit = power > 0.0
     seen, counts, towards, power = seen[lit], counts[lit], towards[lit], power[lit]
-    if not counts.any() or _lights_apart(towards) < FEW:
+    if counts.sum(0).max(initial=0) < 2 or _lights_apart(towards) < FEW:
         return False
     random, alike, given = np.random.default_rng(0), _alike(seen, counts), np.arange(len(power))
     lists = 99  # a wrong one passes as the best of a hundred, by either of two measures, once in fifty times
@@ -47,7 +46,7 @@ def random_order_is_as_good(
     some = np.linspace(0, seen.shape[1] - 1, min(seen.shape[1], few)).astype(int)
 
     def misfit(order: Int[np.ndarray, " views"]) -> float:
-        return _misfit(seen[:, some] / power[order, None], counts[:, some], towards[order])
+        return pseudo_normals(seen[:, some] / power[order, None], counts[:, some], towards[order])[1]
 
     least = misfit(given)
     return any(misfit(order) <= least for order in others)
@@ -66,10 +65,3 @@ def _alike(seen: Samples, counts: Counted) -> Float[np.ndarray, "views views"]:
     seen, counted = np.where(counts, seen, 0.0), counts.astype(float)
     square = seen**2 @ counted.T
     return (seen @ seen.T) / np.maximum(np.sqrt(square * square.T), TINY)
-
-
-def _misfit(y: Samples, counts: Counted, towards: Directions) -> float:
-    """Return the typical residual of matte texels, relative to their brightness."""
-    used = middle_ranks(y, counts)
-    level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), TINY)
-    return robust_scale(((towards @ pseudo_normals(y, counts, towards).T - y) / level)[used])

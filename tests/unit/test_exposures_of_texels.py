@@ -8,8 +8,8 @@ from plates import COLOURS, coloured_plate
 import diffshade as ds
 from diffshade.core.backend import in_float64
 from diffshade.texels.lighting import Exposures, LightErrors
-from diffshade.texels.lights.exposures import _errors_with, _named, _of_directions, _Rig, undone
-from diffshade.texels.lights.placing import LightEstimates, directions_to, scene_with
+from diffshade.texels.lights.exposures import _errors_with, _named, _of_directions, undone
+from diffshade.texels.lights.placing import LightEstimates, PlacedLights
 
 FACTOR = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 0.5], [0.5, 0.5, 0.5], [1.0, 1.0, 1.0]])
 
@@ -22,21 +22,22 @@ def lamps(count):
 
 
 def test_a_photograph_that_shows_more_has_a_brighter_light():
-    scene, views = lamps(4)
+    scene, _ = lamps(4)
     with in_float64():
-        given = directions_to(scene, np.arange(4), np.zeros(3))
-        matched = undone(Exposures(FACTOR, np.zeros(4), given), _Rig(scene, views, np.arange(4), given))
+        said = PlacedLights.of(scene, np.arange(4))
+        matched = undone(Exposures(FACTOR, np.zeros(4), said.directions), said)
     intensity = np.array(
         [np.asarray(light.intensity) for light in matched.lights if isinstance(light, ds.DirectionalLight)]
     )
     np.testing.assert_allclose(intensity, 0.5 * FACTOR, rtol=1e-6)
-    np.testing.assert_allclose(directions_to(matched, np.arange(4), np.zeros(3)), given, atol=1e-6)
+    np.testing.assert_allclose(PlacedLights.of(matched, np.arange(4)).directions, said.directions, atol=1e-6)
 
 
 def test_a_lamp_keeps_its_distance():
     scene, _ = lamps(1)
     near = ds.Scene(scene.objects[0], [ds.PointLight((0.0, 0.0, 3.0))])
-    moved = scene_with(near, np.arange(1), LightEstimates(np.array([[0.6, 0.0, 0.8]]), np.ones(1)), np.zeros(3))
+    placed = PlacedLights.of(near, np.arange(1))._replace(middle=np.zeros(3))
+    moved = placed.moved(LightEstimates(np.array([[0.6, 0.0, 0.8]]), np.ones(1)))
     (light,) = moved.lights
     assert isinstance(light, ds.PointLight)
     np.testing.assert_allclose(light.position, (1.8, 0.0, 2.4), atol=1e-6)

@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.robust_scale import robust_scale
-from ...core.thresholds import CLEARLY, SMALL, TINY
+from ...core.thresholds import CLEARLY
 from ...io.encodings import srgb_decode, srgb_encode
 from ...io.images import without_alpha
 from ..tiles import LEARNING_SAMPLE
-from .uncalibrated import ROUNDS, bright_texels, middle_ranks, texels_under
+from .matte import bright_texels, middle_levels, under_unequal
 
 MIN_PHOTOGRAPHS = 6  # as many as the numbers by which lengths say a map
 MIN_TEXELS = 300
@@ -69,33 +69,10 @@ def judge_encoding(
     if len(samples) < MIN_PHOTOGRAPHS or len(some) < MIN_TEXELS or not 0.0 <= samples.min() <= samples.max() <= 1.0:
         return None
     stored, counts = bright_texels(samples.mean(-1), samples.max(-1) < 1.0)
-    used = middle_ranks(stored, counts)
-    level = (stored * used).sum(0) / np.maximum(used.sum(0), 1)
-    b, linear = _explained(stored, counts, towards)
-    b_decoded, decoded = _explained(np.asarray(srgb_decode(stored)), counts, towards)
-    encoded = np.asarray(srgb_encode(np.maximum(decoded, 0.0)))
-    misfit, of_srgb = (robust_scale(((of - stored) / np.maximum(level, TINY))[used]) for of in (linear, encoded))
+    used, level = middle_levels(stored, counts)
+    (b, linear), (b_decoded, decoded) = (
+        under_unequal(y, counts, towards) for y in (stored, np.asarray(srgb_decode(stored)))
+    )
+    encoded = np.asarray(srgb_encode(np.maximum(decoded @ b_decoded.T, 0.0)))
+    misfit, of_srgb = (robust_scale(((of - stored) / level)[used]) for of in (linear @ b.T, encoded))
     return FileEncoding((misfit, of_srgb), (b, b_decoded))
-
-
-def _explained(
-    y: Float[np.ndarray, "views texels"],
-    counts: Bool[np.ndarray, "views texels"],
-    towards: Float[np.ndarray, "views 3"],
-) -> tuple[Float[np.ndarray, "texels 3"], Float[np.ndarray, "views texels"]]:
-    """Return b = k_d n of texels, by least squares, and what they show with a strength for each light.
-
-    Neither shadows nor highlights count; those that are left in the middle ranks do not move a median.
-    """
-    used = middle_ranks(y, counts)
-    level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), TINY)
-    strength = np.ones((len(y), 1))
-    b, shaded = np.zeros((0, 3)), np.zeros((0, 0))
-    for _ in range(ROUNDS):
-        b = texels_under(y / level, used.astype(float), strength * towards)
-        shaded = towards @ b.T
-        lit = used & (shaded > SMALL)
-        ratio = np.where(lit, y / level / np.where(lit, shaded, 1.0), np.nan)
-        ratio[~lit.any(1)] = 1.0
-        strength = np.nanmedian(ratio, 1, keepdims=True)
-    return b, strength * shaded * level

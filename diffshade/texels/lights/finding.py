@@ -6,7 +6,6 @@ import contextlib
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import jax
 import numpy as np
@@ -19,18 +18,19 @@ from ...core.thresholds import MOST
 from ...core.words import Note
 from ...inverse.data.recording import developed
 from ...inverse.data.views import View, lights_on
-from ...inverse.unknowns.light_priors import error_of_each, middle_of
+from ...inverse.unknowns.light_priors import error_of_each
 from ...model.scenes import Scene
 from ..checks import check_anything_left, checked
 from ..conventions import other_light_convention
 from ..fitting import MEMORY
 from ..robust.run import RobustRun
+from ..robust.turned_lights import angle
 from ..run import TexelRun
 from ..tile_runner import TileRunner
 from ..tiles import LEARNING_SAMPLE
 from .encoding import MIN_PHOTOGRAPHS
 from .found import FoundLights, notes_on
-from .placing import LightEstimates, directions_to, scene_with
+from .placing import MOVABLE, LightEstimates, PlacedLights
 from .refining import LOOSE, Refined, Stated, refine
 from .uncalibrated import find_uncalibrated
 
@@ -89,21 +89,21 @@ def find_lights(
     scene = jax.tree.map(as_float64, scene)
     with showing("lights", show=progress) as report_progress, in_float64((scene, views)) as (scene, views):
         used, index = np.unique(light_of, return_inverse=True)
-        middle = middle_of(scene)
-        given = LightEstimates(directions_to(scene, used, middle), np.ones(len(used)))
+        given = PlacedLights.of(scene, used)
         tiles = TileRunner(scene, views, "", report_progress, out=None, memory=MEMORY, devices=None)
         with contextlib.closing(tiles):
             sample = tiles.reader.sample(LEARNING_SAMPLE)
             check_anything_left(np.ones(len(sample.pixels)))
-            begin = given
+            stated = Stated(given.directions, np.full(len(used), LOOSE[0]), brighter[used])
             if error is not None:
                 other = other_light_convention(scene, views, tiles.reader, sample)
                 if other is not None:
                     _LOGGER.warning(other)
-                    return _unmoved(scene, used, light_of, given, middle, other)
+                    return _unmoved(given, light_of, other)
+                stated = stated._replace(error=error[used])
             else:
-                begin = LightEstimates(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
-            placed = scene_with(scene, used, begin, middle)
+                stated = stated._replace(directions=find_uncalibrated(scene, views, tiles.reader, sample, index))
+            placed = given.moved(LightEstimates(stated.directions, np.ones(len(used))))
             each = TexelRun(placed, views, FREE, "cauchy", None, tiles)
             if error is not None and each.lights().coplanar > MOST:
                 raise ValueError(
@@ -111,57 +111,42 @@ def find_lights(
                     "Add photographs under lights out of the plane."
                 )
             run = RobustRun(each.setup, each.known, "cauchy", None, tiles, neighbours=False)
-            stated = Stated(
-                begin.directions, np.full(len(used), LOOSE[0]) if error is None else error[used], brighter[used]
-            )
-            found = refine(
-                lambda lamps: scene_with(scene, used, lamps, middle), views, run, sample, index, stated, report_progress
-            )
-        return _result(scene, found, used, light_of, given, stated, middle, known=error is not None)
+            found = refine(given, views, run, sample, index, stated)
+        return _result(given, found, light_of, stated, known=error is not None)
 
 
 def _result(
-    scene: Scene,
-    found: Refined,
-    used: Int[np.ndarray, " used"],
-    light_of: Int[np.ndarray, " views"],
-    given: LightEstimates,
-    stated: Stated,
-    middle: Float[np.ndarray, "3"],
-    *,
-    known: bool,
+    given: PlacedLights, found: Refined, light_of: Int[np.ndarray, " views"], stated: Stated, *, known: bool
 ) -> FoundLights:
     """Return what was found, for all lights of the scene."""
+    directions, gain = found.lamps
+    own, shared = (np.rad2deg(np.sqrt(of[:, :2].mean(1))) for of in (found.own, found.shared))
+    brighter = np.sqrt(found.own[:, 2] + found.shared[:, 2])
     exact = bool((stated.intensity_error == 0.0).all())
-    lamps = LightEstimates(found.lamps.directions, np.where(stated.intensity_error == 0.0, 1.0, found.lamps.gain))
+    if exact:
+        gain, brighter = np.ones_like(gain), np.zeros_like(brighter)
 
-    def of_all(values: Any, nothing: float) -> Any:
-        whole = np.full((len(scene.lights), *np.shape(values)[1:]), nothing)
-        whole[used] = values
+    def of_all(values: np.ndarray, nothing: float) -> np.ndarray:
+        whole = np.full((len(given.scene.lights), *values.shape[1:]), nothing)
+        whole[given.used] = values
         return whole
 
-    def degrees(covariance: np.ndarray) -> np.ndarray:
-        return np.rad2deg(np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2.0))
-
-    own, shared = degrees(found.own), degrees(found.shared)
-    brighter = np.sqrt(found.own[:, 2, 2] + found.shared[:, 2, 2])
-    chord = np.linalg.norm(lamps.directions - given.directions, axis=-1)
     notes = notes_on(
         stated=known,
         exact_directions=known and not (stated.error > 0.0).any(),
         exact_intensities=exact,
         shared=float(np.median(shared)),
         settled=found.settled,
-        spread=float(np.std(np.log(lamps.gain))),
+        spread=float(np.std(np.log(gain))),
     )
     return FoundLights(
-        scene_with(scene, used, lamps, middle),
-        of_all(lamps.directions, np.nan),
-        of_all(np.hypot(own, shared) if known else np.full(len(used), np.inf), np.inf),
+        given.moved(LightEstimates(directions, gain)),
+        of_all(directions, np.nan),
+        of_all(np.hypot(own, shared if known else np.inf), np.inf),
         of_all(own, np.inf),
-        of_all(lamps.gain, 1.0),
-        of_all(np.where(stated.intensity_error == 0.0, 0.0, brighter), np.inf),
-        of_all(np.rad2deg(2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0))), 0.0),
+        of_all(gain, 1.0),
+        of_all(brighter, np.inf),
+        of_all(np.rad2deg(angle(directions, given.directions)), 0.0),
         light_of,
         found.misfit,
         found.settled,
@@ -169,19 +154,13 @@ def _result(
     )
 
 
-def _unmoved(
-    scene: Scene,
-    used: Int[np.ndarray, " used"],
-    light_of: Int[np.ndarray, " views"],
-    given: LightEstimates,
-    middle: Float[np.ndarray, "3"],
-    other: Note,
-) -> FoundLights:
+def _unmoved(given: PlacedLights, light_of: Int[np.ndarray, " views"], other: Note) -> FoundLights:
     """Return the lights as they were given, with nothing known of them: they are described otherwise than the views."""
-    unknown = np.full((len(used), 3, 3), np.inf)
-    stated = Stated(given.directions, np.full(len(used), np.inf), np.full(len(used), np.inf))
-    kept = Refined(given, unknown, unknown, np.nan, settled=True)
-    return replace(_result(scene, kept, used, light_of, given, stated, middle, known=True), notes=(other,))
+    nothing = np.full(len(given.used), np.inf)
+    unknown = np.full((len(nothing), 3), np.inf)
+    kept = Refined(LightEstimates(given.directions, np.ones(len(nothing))), unknown, unknown, np.nan, settled=True)
+    found = _result(given, kept, light_of, Stated(given.directions, nothing, nothing), known=True)
+    return replace(found, notes=(other,))
 
 
 def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
@@ -193,7 +172,7 @@ def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
             raise ValueError(
                 f"find_lights needs one light in each view; views[{v}] has {len(on)}. Give View.lit, or leave it out."
             )
-        if scene.lights[on[0]].placement not in (("direction",), ("position",)):
+        if scene.lights[on[0]].placement not in MOVABLE:
             raise ValueError(
                 f"find_lights moves directions and positions; lights[{on[0]}] is a "
                 f"{type(scene.lights[on[0]]).__name__}. Give a DirectionalLight or a PointLight."

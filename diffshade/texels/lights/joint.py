@@ -24,12 +24,12 @@ from ...core.thresholds import NEGLIGIBLE, ROUNDING, SINGLE
 from ...inverse.solve.elimination import eliminate
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup
-from ..prediction import KnownCoefficients
 from ..robust.block_fits import lowest_state
 from ..robust.learning import ObjectModel
 from ..robust.observations import BlockObservations, observe
 from ..robust.robust_descent import DescentState, around
-from ..tiles import SQUARE
+from ..robust.texel_work import TexelWork
+from ..tiles import SQUARE, TexelTile
 
 TILT = NEGLIGIBLE  # radians, over which derivatives in single precision are taken
 
@@ -54,19 +54,23 @@ class Responses(NamedTuple):
 
 
 def responses(
-    setups: Sequence[LightingSetup], known: KnownCoefficients, block: TexelBlock, model: ObjectModel
+    work: TexelWork, sample: TexelTile, models: Sequence[ObjectModel], setups: Sequence[LightingSetup]
 ) -> Responses:
-    """Return how the observations of a block answer at the minimum of each texel.
+    """Return how the observations of some texels answer, each texel at its minimum.
 
     Args:
+        work: What works on the texels.
+        sample: The texels.
+        models: What the texels of each region have in common.
         setups: The lights; and, for derivatives by their tilts, with each of them tilted by `TILT` along one of its
             tangents, and along the other.
-        known: The coefficients that are not fitted.
-        block: The texels.
-        model: What the texels have in common.
     """
-    observed, *tilted = (observe(setup, known, block, model.assumed.dark_is_shadow) for setup in setups)
-    return _responses(observed, tilted, model, lowest_state(observed, model))
+
+    def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Responses:
+        observed, *tilted = (observe(setup, work.known, block, model.assumed.dark_is_shadow) for setup in setups)
+        return _responses(observed, tilted, model, lowest_state(observed, model))
+
+    return work.each(sample, program, models)
 
 
 @jax.jit
@@ -86,15 +90,13 @@ def _responses(
         y = jnp.where(observed.counts, one.y * (one.level / observed.level)[None], 0.0)
         by_light.append((shown(one) - y - value + jnp.where(observed.counts, observed.y, 0.0)) / TILT)
     ridge = weighing.ridge
-    known = jnp.full_like(ridge, SINGLE)
-    held = jnp.where(state.k_s <= 0.0, HELD, 0.0)
-    nothing = jnp.zeros_like(ridge)
+    held, nothing = jnp.where(state.k_s <= 0.0, HELD, 0.0), jnp.zeros_like(ridge)
     return Responses(
         here.residual,
         here.weight / weighing.scale[None] ** 2,
         jnp.stack(here.J),
         jnp.stack([*by_light, value]),
-        jnp.stack([known, known, known, known + ridge + held]),
+        jnp.stack([nothing, nothing, nothing, ridge + held]) + SINGLE,
         jnp.stack([nothing, nothing, nothing, ridge * state.k_s]),
     )
 

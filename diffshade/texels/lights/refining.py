@@ -8,7 +8,7 @@ nearest to those stated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -19,16 +19,14 @@ from scipy.optimize import least_squares
 from ...core.thresholds import MINOR, MOST
 from ...inverse.data.views import View
 from ...inverse.forward.losses import CAUCHY
-from ...model.scenes import Scene
-from ..blocks import TexelBlock
 from ..lighting import LightingSetup, lighting_setup
 from ..robust.choice import FIRST_ROUNDS
 from ..robust.disagreement import CELLS, cells_of
-from ..robust.learning import ObjectModel, every_assumption, learned
+from ..robust.learning import every_assumption, learned
 from ..robust.run import RobustRun
 from ..tiles import TexelTile
-from .joint import TILT, LightEquations, Responses, light_equations, responses
-from .placing import LightEstimates
+from .joint import TILT, LightEquations, light_equations, responses
+from .placing import LightEstimates, PlacedLights
 
 ROUNDS = 20
 LONGEST_STEP = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
@@ -47,12 +45,12 @@ class Stated(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """Lights as found, with covariances in their tangents and the logarithm of their intensities."""
+    """Lights as found, with variances of both tilts of each and of the logarithm of its intensity."""
 
     lamps: LightEstimates
-    own: Float[np.ndarray, "lights 3 3"]
+    own: Float[np.ndarray, "lights 3"]
     """Of each light by itself."""
-    shared: Float[np.ndarray, "lights 3 3"]
+    shared: Float[np.ndarray, "lights 3"]
     """Of the map that all share."""
     misfit: float
     """Typical residual of a texel, relative to its level."""
@@ -67,42 +65,41 @@ def tangents_to(directions: Float[np.ndarray, "*many 3"]) -> Float[np.ndarray, "
 
 
 def refine(
-    scene_with: Callable[[LightEstimates], Scene],
+    given: PlacedLights,
     views: Sequence[View],
     run: RobustRun,
     sample: TexelTile,
     light_of: Int[np.ndarray, " views"],
     stated: Stated,
-    report_progress: Callable[..., None],
 ) -> Refined:
     """Return the lights that agree best with all texels of a sample.
 
     Args:
-        scene_with: Returns the scene with these lights.
+        given: The lights, of a scene.
         views: The photographs.
         run: What works on the texels.
         sample: The texels.
         light_of: The light of each view.
         stated: What is known beside the photographs, where the rounds begin.
-        report_progress: Reports progress.
     """
     lights = len(stated.directions)
     lamps, cell = LightEstimates(stated.directions, np.ones(lights)), cells_of(sample.pixels, run.tiles.reader.shape)
+    run = run.under(lighting_setup(given.moved(lamps), views))
     model, settled, covariance = run.learn(sample, every_assumption()[0])[0], False, np.zeros((3 * lights, 3 * lights))
-    exact = not (stated.error > 0.0).any()
+    exact, brighter = not (stated.error > 0.0).any(), np.tile([0.0, 0.0, 1.0], lights)[:, None]  # k_d takes that back
     free = np.stack([stated.error > 0.0, stated.error > 0.0, np.ones(lights, bool)], -1).ravel()
+
+    def setup_of(lamps: LightEstimates) -> LightingSetup:
+        return eqx.tree_at(lambda s: s.lobe, lighting_setup(given.moved(lamps), views), run.setup.lobe)
+
     for k in range(ROUNDS):
-        report_progress("refining the lights:", (k + 1) / ROUNDS)
-
-        def setup_of(lamps: LightEstimates) -> LightingSetup:
-            return eqx.tree_at(lambda s: s.lobe, lighting_setup(scene_with(lamps), views), run.setup.lobe)
-
+        run.tiles.report_progress("refining the lights:", (k + 1) / ROUNDS)
         run.setup = setup_of(lamps)
         if 0 < k < FIRST_ROUNDS:
             model = learned(model, run.sample_at_minimum(sample, model))
         tangents = tangents_to(lamps.directions)
         tilted = [setup_of(_moved(lamps, TILT * np.eye(3)[[axis] * lights], tangents)) for axis in range(2)]
-        answer = _responses(run, sample, model, [run.setup, *tilted])
+        answer = responses(run, sample, [model], [run.setup, *tilted])
         equations = light_equations(answer, light_of, lights, cell, CELLS**2)
         seen = np.diag(equations.S).reshape(-1, 3)[:, 2]
         if not (seen > 0.0).all():
@@ -110,7 +107,7 @@ def refine(
                 f"views[{np.flatnonzero(light_of == seen.argmin())[0]}] shows no texel that counts under its light. "
                 "Leave the view out, or mend its mask."
             )
-        maps = _scale(lights) if exact else _maps(lamps.directions, tangents)
+        maps = brighter if exact else _maps(lamps.directions, tangents)
         step = _step(equations, lamps, stated, tangents, free)
         covariance = _covariance(equations, maps, free)
         covariance += np.diag(free * (MOST * float(model.relative_misfit)) ** 2)
@@ -120,13 +117,6 @@ def refine(
             break
         lamps = _moved(lamps, step, tangents)
     return _anchored(lamps, covariance, stated, float(model.relative_misfit), settled=settled)
-
-
-def _responses(run: RobustRun, sample: TexelTile, model: ObjectModel, setups: Sequence[LightingSetup]) -> Responses:
-    def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Responses:
-        return responses(setups, run.known, block, model)
-
-    return run.each(sample, program, [model])
 
 
 def _moved(
@@ -147,11 +137,6 @@ def _away(
     """Return how far lights are from those stated: along both tangents, and in the logarithm of the intensity."""
     tilt = np.einsum("li,lai->la", lamps.directions - stated.directions, tangents)
     return np.concatenate([tilt, np.log(lamps.gain)[:, None]], -1)
-
-
-def _scale(lights: int) -> np.ndarray:
-    """Return the steps (3*lights, 1) by which all intensities grow, which k_d takes back."""
-    return np.tile([0.0, 0.0, 1.0], lights)[:, None]
 
 
 def _complement(G: np.ndarray) -> np.ndarray:
@@ -199,21 +184,15 @@ def _anchored(
     lamps: LightEstimates, covariance: np.ndarray, stated: Stated, misfit: float, *, settled: bool
 ) -> Refined:
     """Return the lights after the map by which they are nearest to those stated."""
-    lights = len(lamps.gain)
-    own = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(lights)])
-    before = tangents_to(lamps.directions)
+    own = np.diag(covariance).reshape(-1, 3)
     if not (stated.error > 0.0).any():
         gain = lamps.gain / np.exp(np.log(lamps.gain).mean())
         return Refined(LightEstimates(lamps.directions, gain), own, np.zeros_like(own), misfit, settled)
     lamps = _mapped(lamps, stated)
-    tangents = tangents_to(lamps.directions)
-    turn = np.zeros((lights, 3, 3))
-    turn[:, :2, :2], turn[:, 2, 2] = np.einsum("lai,lbi->lab", tangents, before), 1.0
     weights = np.stack([stated.error, stated.error, np.maximum(stated.intensity_error, MIN_GAIN_ERROR)], -1).ravel()
-    G = _maps(lamps.directions, tangents)
+    G = _maps(lamps.directions, tangents_to(lamps.directions))
     whole = G @ np.linalg.pinv((G / weights[:, None] ** 2).T @ G, rcond=1e-10, hermitian=True) @ G.T
-    shared = np.stack([whole[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(lights)])
-    return Refined(lamps, turn @ own @ turn.swapaxes(1, 2), shared, misfit, settled)
+    return Refined(lamps, own, np.diag(whole).reshape(-1, 3), misfit, settled)
 
 
 def _mapped(lamps: LightEstimates, stated: Stated) -> LightEstimates:

@@ -42,7 +42,7 @@ GAMMAS = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
 CLEAR_RATIO = 1.25  # of the misfits of the outermost gammas to the least one, from which that is believed
 GROUPS = 4  # of the views, left out in turn
 
-Misfit = Callable[[float], float]
+Misfit = Callable[[TexelTile, float], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,44 +108,35 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
         tiles = TileRunner(inner, plain, "", silent, out=None, memory=MEMORY, devices=None)
         with contextlib.closing(tiles):
             each = TexelRun(inner, plain, FREE, "cauchy", None, tiles)
-            setup, sample = each.setup, tiles.reader.sample(CALIBRATION_SAMPLE)
-            known = each.known
+            run = RobustRun(each.setup, each.known, "cauchy", None, tiles, neighbours=False)
 
-            def misfit_of(sample: TexelTile) -> Misfit:
-                def misfit(gamma: float) -> float:
-                    run = RobustRun(setup, known, "cauchy", None, tiles, neighbours=False)
-                    linear = raised(sample, gamma)
-                    model = run.learn(linear, every_assumption()[0])[0]
-                    return misfit_in_file(sample, linear, run.sample_at_minimum(linear, model), gamma)
+            def misfit(sample: TexelTile, gamma: float) -> float:
+                anew, linear = run.under(each.setup), raised(sample, gamma)
+                model = anew.learn(linear, every_assumption()[0])[0]
+                return misfit_in_file(sample, linear, anew.sample_at_minimum(linear, model), gamma)
 
-                return misfit
-
-            return _found(views, misfit_of, sample, report_progress)
+            return _found(views, misfit, tiles.reader.sample(CALIBRATION_SAMPLE), report_progress)
 
 
 def _found(
-    views: tuple[View, ...],
-    misfit_of: Callable[[TexelTile], Misfit],
-    sample: TexelTile,
-    report_progress: ReportProgress,
+    views: tuple[View, ...], misfit: Misfit, sample: TexelTile, report_progress: ReportProgress
 ) -> FoundResponse:
     """Return the gamma of the least misfit, and its error by a jackknife over groups of views."""
-    misfit = misfit_of(sample)
     tried = []
     for k, gamma in enumerate(GAMMAS):
         report_progress("trying gammas", 0.3 * k / len(GAMMAS))
-        tried.append(misfit(gamma))
+        tried.append(misfit(sample, gamma))
     k = int(np.clip(np.argmin(tried), 1, len(GAMMAS) - 2))
     bounds = np.log(GAMMAS[[k - 1, k + 1]])
-    gamma = lowest(misfit, bounds)
-    linear, least = misfit(1.0), misfit(gamma)
+    gamma = lowest(misfit, sample, bounds)
+    linear, least = misfit(sample, 1.0), misfit(sample, gamma)
     clear = min(tried[0], tried[-1]) > CLEAR_RATIO * least and GAMMAS[0] < gamma < GAMMAS[-1]
     left_out = []
     for group in range(GROUPS):
         report_progress("leaving out photographs", 0.5 + 0.5 * group / GROUPS)
         counts = sample.counts & (np.arange(len(views)) % GROUPS != group)[:, None]
-        without = misfit_of(eqx.tree_at(lambda tile: tile.counts, sample, counts))
-        left_out.append(np.log(lowest(without, bounds)))
+        without = eqx.tree_at(lambda tile: tile.counts, sample, counts)
+        left_out.append(np.log(lowest(misfit, without, bounds)))
     spread = float(jackknife_error(np.array(left_out)))
     notes = []
     if not clear:
@@ -190,9 +181,9 @@ def raised(sample: TexelTile, gamma: float) -> TexelTile:
     return eqx.tree_at(lambda tile: tile.target, sample, linear)
 
 
-def lowest(misfit: Misfit, bounds: Float[np.ndarray, "2"]) -> float:
+def lowest(misfit: Misfit, sample: TexelTile, bounds: Float[np.ndarray, "2"]) -> float:
     """Return where a misfit is least, between two logarithms of gamma."""
-    found: Any = minimize_scalar(lambda log: misfit(float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
+    found: Any = minimize_scalar(lambda log: misfit(sample, float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
     return float(np.exp(found.x))
 
 

@@ -10,9 +10,8 @@ registration technique", IJCAI 1981). The shift that all have in common is nobod
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -24,10 +23,12 @@ from ...inverse.data.views import View, colours
 from ...inverse.forward.losses import CAUCHY
 from ...inverse.solve.elimination import eliminate
 from ...io.lazy_images import rows_of_a_tile
+from ..lighting import Shifts
 from ..robust.calibration import GROUPS
 from ..robust.choice import FIRST_ROUNDS
 from ..robust.disagreement import cells_of
 from ..tiles import TexelTile
+from .matte import under_unequal
 from .refining import ROUNDS
 
 BLURS = 6.0, 3.0, 1.5  # standard deviations, pixels: from far to near; the first is about how far photographs are moved
@@ -59,18 +60,10 @@ class ShiftState(NamedTuple):
     """What typical texels show beyond the model, relative."""
 
 
-class FoundShifts(NamedTuple):
-    """How far photographs are moved, down and to the right."""
-
-    shift: Float[np.ndarray, "views 2"]
-    error: Float[np.ndarray, "views 2"]
-    clear: Bool[np.ndarray, " views"]
-    """Which of them are moved by half a pixel and three errors, and are clearly nearer to the others with it undone."""
-
-
-def found_shifts(pictures: Pictures, toward: Float[np.ndarray, "views 3"]) -> FoundShifts | None:
+def found_shifts(pictures: Pictures, toward: Float[np.ndarray, "views 3"]) -> Shifts | None:
     """Return how far photographs are moved; None where none is moved clearly.
 
+    A photograph is, which is moved by half a pixel and three errors, and clearly nearer to the others with it undone.
     The errors contain how the regions disagree, and what all of them share of what a matte model leaves out: how far
     shifts change with less detail and with dimmer observations. What only a clear shift needs is computed only for one.
     """
@@ -93,7 +86,7 @@ def found_shifts(pictures: Pictures, toward: Float[np.ndarray, "views 3"]) -> Fo
     # worse
     still = _aligned(pictures, state._replace(shift=np.zeros_like(state.shift)), BLURS[-1], MOST, moves=False)
     clear = beyond & (still.misfit > CLEARLY * np.maximum(state.misfit, TINY))
-    return FoundShifts(shift, error, clear) if clear.any() else None
+    return Shifts(pictures.size * shift[:, ::-1], pictures.size * error[:, ::-1], clear) if clear.any() else None
 
 
 def _beside_mask(pictures: Pictures, shift: Float[np.ndarray, "views 2"]) -> Float[np.ndarray, "2"]:
@@ -108,11 +101,16 @@ def _beside_mask(pictures: Pictures, shift: Float[np.ndarray, "views 2"]) -> Flo
         [ndimage.shift(one, -by, order=1, mode="nearest") for one, by in zip(pictures.grey, shift, strict=True)], 0
     )
     steps = np.arange(-far, far + 1)
-    rolled = [[np.roll(mean, (-i, -j), (0, 1)) for j in steps] for i in steps]
-    contrast = np.array([[one[inside].mean() - one[outside].mean() for one in row] for row in rolled])
+
+    def sides(i: Any, j: Any) -> list[float]:
+        moved = np.roll(mean, (-i, -j), (0, 1))
+        return [moved[of].mean() for of in (inside, outside)]
+
+    of_inside, of_outside = np.array([[sides(i, j) for j in steps] for i in steps]).transpose(2, 0, 1)
+    contrast = of_inside - of_outside
     i, j = np.unravel_index(contrast.argmax(), contrast.shape)
     within = 0 < i < 2 * far and 0 < j < 2 * far
-    if not within or contrast[i, j] < MOST * rolled[i][j][inside].mean():
+    if not within or contrast[i, j] < MOST * of_inside[i, j]:
         return np.zeros(2)
 
     def top(three: np.ndarray) -> float:
@@ -143,9 +141,8 @@ def pictures_of(
         return np.concatenate(parts).astype(np.float32)
 
     place = (np.stack([row - top, column - left]) + 0.5) / size - 0.5
-    at = np.rint(place - place.min(1)[:, None]).astype(int)
-    box = at.max(1) + 1
-    cell = cells_of(at[0] * box[1] + at[1], (int(box[0]), int(box[1])))
+    box = int(np.ptp(row)) + 1, int(np.ptp(column)) + 1
+    cell = cells_of((row - row.min()) * box[1] + column - column.min(), box)
     order = np.argsort(cell, kind="stable")
     ends = np.flatnonzero(np.diff(cell[order], prepend=-1, append=-1))
     images = np.stack([grey(*of) for of in zip(views, intensity, strict=True)])
@@ -156,24 +153,13 @@ def pictures_of(
 def _start(pictures: Pictures, toward: Float[np.ndarray, "views 3"]) -> ShiftState:
     """Return photographs that are not moved, under lights where they are said to be, as bright as most texels show."""
     level = np.array([_at(one, pictures.place) for one in pictures.grey])
-    gain = np.ones(len(level))
-    for _ in range(FIRST_ROUNDS):
-        light = toward * gain[:, None]
-        shown = light @ np.linalg.lstsq(light, level, rcond=None)[0]
-        bright = shown > MOST * np.sqrt(np.square(level).mean(0))
-        off = np.ma.median(np.ma.masked_array(level / np.where(bright, shown, 1.0), ~bright), 1).filled(1.0)
-        gain = gain * np.clip(off / np.median(off), MOST, 1.0 / MOST)
     views, regions = len(level), len(pictures.ends) - 1
-    light = np.broadcast_to(toward * gain[:, None], (regions, views, 3))
+    light = np.broadcast_to(under_unequal(level, pictures.counts, toward)[1], (regions, views, 3))
     return ShiftState(np.zeros((views, 2)), light, np.zeros((2 * views, 2 * views)), np.ones(views))
 
 
 def _at(image: Float[np.ndarray, "h w"], place: Float[np.ndarray, "2 texels"]) -> Float[np.ndarray, " texels"]:
     return ndimage.map_coordinates(image, place, output=np.float64, order=1, mode="nearest")
-
-
-def _about_mean(shift: Float[np.ndarray, "views 2"]) -> Float[np.ndarray, "views 2"]:
-    return shift - shift.mean(0)
 
 
 class _Matte(NamedTuple):
@@ -194,8 +180,7 @@ def _matte(
     bright: float,
 ) -> _Matte:
     """Return k_d n of each texel under a robust loss, by the observations that are as bright as this."""
-    parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
-    pairs = (light[..., :, None] * light[..., None, :]).reshape(*light.shape[:2], 9)
+    each = np.repeat(light, np.diff(ends), 0)  # (texels, views, 3)
     level = np.sqrt(np.square(seen).mean(0))
     plain = inside / (np.square(level) + (SMALL * np.median(level)) ** 2)
     seen_at_all = np.where(inside.any(0), plain.mean(0), 1.0)  # at a border, shifts leave a texel in no picture
@@ -203,12 +188,10 @@ def _matte(
     weight, unit = plain * (seen > bright * level), 1.0
 
     def minimum(weight: Float[np.ndarray, "views texels"], unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        H = np.concatenate([weight[:, part].T @ of for part, of in zip(parts, pairs, strict=True)]).reshape(-1, 3, 3)
-        right = np.concatenate([(weight * seen)[:, part].T @ of for part, of in zip(parts, light, strict=True)])
-        inverse = np.linalg.inv(H + unit * rounding)
-        tilt = (inverse @ right[..., None])[..., 0]
-        shown = np.concatenate([of @ tilt[part].T for part, of in zip(parts, light, strict=True)], 1)
-        return tilt, inverse, shown
+        weighted = (weight.T[..., None] * each).swapaxes(1, 2)
+        inverse = np.linalg.inv(weighted @ each + unit * rounding)
+        tilt = inverse @ (weighted @ seen.T[..., None])
+        return tilt[..., 0], inverse, (each @ tilt)[..., 0].T
 
     lit = relative = np.zeros(seen.shape)
     for _ in range(FIRST_ROUNDS):
@@ -279,5 +262,5 @@ def _stepped(
     about_mean = np.eye(2 * views) - np.kron(np.full((views, views), 1.0 / views), np.eye(2))
     root = about_mean @ inverse
     spread = gradient.T @ gradient * regions / max(regions - 1, 1) + np.eye(2 * views) / BLURS[0] ** 2
-    shift = _about_mean(state.shift + step.reshape(views, 2))
-    return ShiftState(shift, light, root @ spread @ root.T, texels.misfit)
+    shift = about_mean @ (state.shift.ravel() + step)
+    return ShiftState(shift.reshape(views, 2), light, root @ spread @ root.T, texels.misfit)

@@ -10,44 +10,35 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from ...core.thresholds import FEW, MINOR, TINY
-from ...core.words import MAX_NAMED, Note
+from ...core.words import Note, first_of
 from ...inverse.data.samples import SensorRange, kept, top_of_view
 from ...inverse.data.views import View, colours
-from ...inverse.unknowns.light_priors import middle_of
 from ...io.lazy_images import LazyImage
 from ...model.rendering import silhouette
 from ...model.scenes import Scene
 from ...parallel.threads import ONE_BLAS_THREAD
-from ..lighting import Shifts, lighting_setup
+from ..lighting import Shifts
 from ..robust.choice import mean_error
 from ..robust.learning import MIN_SAMPLES
 from ..tiles import LEARNING_SAMPLE, SQUARE, TexelTile, ViewReader
-from .exposures import Taught
-from .placing import directions_to, one_light_each
+from .placing import one_light_each
 from .shift_search import found_shifts, pictures_of
+from .taught import Taught
 
 
-def believed_shifts(
-    scene: Scene, views: Sequence[View], first: Taught
-) -> tuple[Sequence[View], Shifts | None, Taught, tuple[Note, ...]]:
-    """Return the views with their shifts undone, the shifts, what the views then teach, and notes.
+def without_shifts(first: Taught) -> Taught:
+    """Return what the photographs teach with their shifts undone, the shifts, and a note.
 
     The search takes texels to be matte, and highlights that cover a flat object imitate shifts. So shifts are believed
     only if photographs that are moved back are predicted better by the others, when they are left out, than they were
-    where they are; else all is returned as it was.
-
-    Args:
-        scene: One object and its lights.
-        views: The photographs.
-        first: What they teach as they are.
+    where they are; else what was taught first is returned.
     """
-    moved, shifts, notes = undone_shifts(scene, views, first.sample)
+    moved, shifts, notes = undone_shifts(first.scene, first.views, first.sample)
     if shifts is None:
-        return views, None, first, ()
-    run, sample = first.run.under(lighting_setup(scene, moved)), ViewReader(scene, moved).sample(LEARNING_SAMPLE)
-    taught = Taught(run, run.learn(sample), sample)
-    before, after = (mean_error(of.errors[shifts.undone]) for of in (first, taught))
-    return (moved, shifts, taught, notes) if before - after > MINOR else (views, None, first, ())
+        return first
+    found = first.under(first.scene, moved, sample=ViewReader(first.scene, moved).sample(LEARNING_SAMPLE))
+    before, after = (mean_error(of.errors[shifts.undone]) for of in (first, found))
+    return found._replace(shifts=shifts).noted(*notes) if before - after > MINOR else first
 
 
 def undone_shifts(
@@ -63,19 +54,18 @@ def undone_shifts(
         views: The photographs.
         sample: Texels of the object.
     """
-    used = one_light_each(scene, views)
-    if used is None or len(views) < FEW or len(sample.pixels) < MIN_SAMPLES:
+    lights = one_light_each(scene, views)
+    if lights is None or len(views) < FEW or len(sample.pixels) < MIN_SAMPLES:
         return views, None, ()
-    intensity = np.array([np.ones(3) * np.asarray(getattr(scene.lights[i], "intensity", 1.0)) for i in used])
+    intensity = np.array([np.ones(3) * np.asarray(getattr(scene.lights[i], "intensity", 1.0)) for i in lights.used])
     mask = np.asarray(silhouette(scene.objects, views[0].camera)) & np.any([kept(view) for view in views], 0)
     pictures = pictures_of(views, np.maximum(intensity, TINY), sample, mask)
     with ONE_BLAS_THREAD:
-        of_pictures = found_shifts(pictures, directions_to(scene, used, middle_of(scene)))
-    if of_pictures is None:
+        found = found_shifts(pictures, lights.directions)
+    if found is None:
         return views, None, ()
-    shift, error, clear = of_pictures
-    found = Shifts(pictures.size * shift[:, ::-1], pictures.size * error[:, ::-1], clear)
-    moved = [_moved_back(view, by) if of else view for view, by, of in zip(views, found.pixels, clear, strict=True)]
+    each = zip(views, found.pixels, found.undone, strict=True)
+    moved = [_moved_back(view, by) if undone else view for view, by, undone in each]
     text = (
         f"photographs are shifted: {_named(found)}. This was found from the object and undone; align=False, or "
         "--no-align, takes them as they are."
@@ -86,14 +76,13 @@ def undone_shifts(
 def _named(found: Shifts) -> str:
     """Return in words which photographs are shifted most, and how far."""
     far = np.linalg.norm(found.pixels, axis=-1) * found.undone
-    most = np.argsort(-far, kind="stable")[: min(MAX_NAMED, int(found.undone.sum()))]
 
     def by(x: float, y: float) -> str:
         return f"{abs(x):.1f} to the {'right' if x > 0.0 else 'left'} and {abs(y):.1f} {'down' if y > 0.0 else 'up'}"
 
-    more = f", and {found.undone.sum() - len(most)} more" if found.undone.sum() > len(most) else ""
-    error = np.median(found.error[found.undone])
-    return ", ".join(f"views[{v}] by {by(*found.pixels[v])}" for v in most) + f"{more}, pixels, within {error:.1f}"
+    most = np.argsort(-far, kind="stable")[: found.undone.sum()]
+    named = first_of([f"views[{v}] by {by(*found.pixels[v])}" for v in most])
+    return f"{named}, pixels, within {np.median(found.error[found.undone]):.1f}"
 
 
 def _moved_back(view: View, by: Float[np.ndarray, "2"]) -> View:

@@ -14,16 +14,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.optimize import least_squares
 
 from ...core.fields import Array
-from ...core.robust_scale import robust_scale
-from ...core.thresholds import DEGREE, FAR_MORE, SMALL, TINY
-from ...core.words import MAX_NAMED, Note
+from ...core.thresholds import DEGREE, FAR_MORE, MINOR, SMALL, TINY
+from ...core.words import Note, first_of
 from ..blocks import TexelBlock
 from ..tiles import TexelTile
 from .block_fits import lowest_state
 from .learning import MIN_SAMPLES, ObjectModel
-from .neighbours import ITERATIONS
 from .observations import BlockObservations, observe
 from .robust_descent import DescentState
 from .texel_work import TexelWork
@@ -56,6 +55,16 @@ def _matte(observed: BlockObservations, model: ObjectModel, state: DescentState)
     return MatteTexels(facing, observed.y - highlight, counts, jnp.stack(mean), matte, highlight)
 
 
+def matte_texels(work: TexelWork, models: Sequence[ObjectModel], sample: TexelTile) -> MatteTexels:
+    """Return what texels of a sample are without their highlights, by the models of the object's regions."""
+
+    def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> MatteTexels:
+        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        return _matte(observed, model, lowest_state(observed, model))
+
+    return work.each(sample, program, models)
+
+
 def note_on_turned_lights(work: TexelWork, models: Sequence[ObjectModel], sample: TexelTile) -> tuple[Note, ...]:
     """Return a note that names the photographs whose light is far from where it is said to be.
 
@@ -64,12 +73,7 @@ def note_on_turned_lights(work: TexelWork, models: Sequence[ObjectModel], sample
         models: The models of the object's regions.
         sample: Texels.
     """
-
-    def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> MatteTexels:
-        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
-        return _matte(observed, model, lowest_state(observed, model))
-
-    texels, said = work.each(sample, program, models), work.toward(sample)
+    texels, said = matte_texels(work, models, sample), work.toward(sample)
     lit = (np.linalg.norm(said, axis=-1) > 0.0) & (texels.highlight.sum(1) < texels.matte.sum(1))
     found = np.stack([_seen_in(texels, v) if lit[v] else said[v] for v in range(len(said))])
     return note_on_directions(found, said, lit)
@@ -79,7 +83,7 @@ def note_on_directions(
     found: Float[np.ndarray, "views 3"], said: Float[np.ndarray, "views 3"], lit: Bool[np.ndarray, " views"]
 ) -> tuple[Note, ...]:
     """Return a note that names lights which are farther off than lights are, and than most of those that are lit."""
-    off = _angle(found, said)
+    off = angle(found, said)
     usual = float(np.median(off[lit])) if lit.any() else 0.0
     far = np.flatnonzero(off > max(LEAST, FAR_MORE**2 * usual))
     return (Note(_in_words(far, found, said, off), "disagrees"),) if len(far) else ()
@@ -91,13 +95,10 @@ def _seen_in(texels: MatteTexels, view: int) -> Float[np.ndarray, "3"]:
     said = np.asarray(texels.toward[:, view])
     x = said.mean(-1).astype(float)
     if some.sum() >= MIN_SAMPLES:
-        A, change = np.asarray(texels.facing).T[some].astype(float), np.zeros(3)
+        A = np.asarray(texels.facing).T[some].astype(float)
         left = np.asarray(texels.shown[view])[some] - np.sum(A * said.T[some], -1)
-        for _ in range(ITERATIONS):
-            e = left - A @ change
-            weight = 1.0 / (1.0 + (e / max(robust_scale(e), TINY)) ** 2)
-            change = np.linalg.lstsq((A.T * weight) @ A, (A.T * weight) @ left, rcond=TINY)[0]
-        x = x + change
+        first = np.linalg.lstsq(A, left, rcond=TINY)[0]
+        x = x + least_squares(lambda change: A @ change - left, first, loss="cauchy", f_scale=MINOR).x
     return x / np.linalg.norm(x)
 
 
@@ -105,17 +106,16 @@ def _in_words(
     far: np.ndarray, found: Float[np.ndarray, "views 3"], said: Float[np.ndarray, "views 3"], off: np.ndarray
 ) -> str:
     """Return which lights are off, and by how much, or that two photographs are swapped."""
-    if len(far) == 2 and (_angle(found[far], said[far[::-1]]) < LEAST).all():
+    if len(far) == 2 and (angle(found[far], said[far[::-1]]) < LEAST).all():
         return f"views[{far[0]}] and views[{far[1]}] each show the other's light: the photographs are swapped."
     far = far[np.argsort(-off[far], kind="stable")]
-    named = ", ".join(f"views[{v}] by {np.rad2deg(off[v]):.0f} degrees" for v in far[:MAX_NAMED])
-    more = f", and {len(far) - MAX_NAMED} more" if len(far) > MAX_NAMED else ""
+    named = first_of([f"views[{v}] by {np.rad2deg(off[v]):.0f} degrees" for v in far])
     return (
-        f"lights are not where they are said to be, by what the other photographs say: {named}{more}. Check them, and "
+        f"lights are not where they are said to be, by what the other photographs say: {named}. Check them, and "
         "whether such a photograph is shifted or has another encoding, which looks alike."
     )
 
 
-def _angle(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+def angle(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Return the angle between unit vectors, radians."""
     return 2.0 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=-1) / 2.0, 0.0, 1.0))
