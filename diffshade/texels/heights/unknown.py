@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .regions import connected, distance
-from .system import HeightGrid, laplacian
+from .system import HeightGrid
 
 MAX_SIGMA = 1.0  # radians: the error of a normal of which nothing is known
 
@@ -55,7 +55,7 @@ def fill(
 
     grid = HeightGrid.of(inside)
     free = ~known[inside]
-    matrix = laplacian(grid, np.ones(grid.start.size))[free]
+    matrix = grid.laplacian(np.ones(grid.start.size))[free]
     rest = -matrix[:, ~free] @ normals[inside][~free]
     hierarchy = pyamg.ruge_stuben_solver(matrix[:, free].tocsr(), max_coarse=200, coarse_solver="splu")
     found = np.stack([np.asarray(hierarchy.solve(b, tol=1e-6, accel="cg")) for b in rest.T], -1)
