@@ -66,11 +66,6 @@ def affine_rays(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3 3"], Float
         return np.array([v.stack() for v in origin]), np.array([v.stack() for v in direction])
 
 
-def facing(normals: Float[np.ndarray, "h w 3"], rays: TexelRays) -> Float[np.ndarray, "h w"]:
-    """Return the cosine of the angle between each normal and the direction to the camera."""
-    return _dot(normals, rays.toward) / np.linalg.norm(rays.toward, axis=-1)
-
-
 class Differences(NamedTuple):
     """From the first texel of each pair to its second."""
 
@@ -132,36 +127,30 @@ def differences(
     total = s_p + s_q + turn
     share = np.divide(s_q + turn / 2.0, total, out=np.full(total.shape, 0.5), where=total > 0)
     noise = share**2 * s_p + (1.0 - share) ** 2 * s_q
-    chord, typical = (_chord(grid.mean(of, share), grid, rays) for of in (n, smooth))
-    size = np.linalg.norm(typical.lever, axis=-1)
-    front = np.minimum(chord.cosine, typical.cosine) > 0.5 * DEGREE
+    value, _, _, own_cosine = _chord(grid.mean(n, share), grid, rays)
+    _, lever, bend, cosine = _chord(grid.mean(smooth, share), grid, rays)
+    size = np.linalg.norm(lever, axis=-1)
+    front = np.minimum(own_cosine, cosine) > 0.5 * DEGREE
     hidden = ~front if interpolated is None else ~front | interpolated[inside][p] | interpolated[inside][q]
     crease = size * _crease(normals, sigma, grid)
     deviation = np.sqrt(size**2 * (noise + (0.5 - share) ** 2 * turn) + crease**2)
     return Differences(
-        np.where(front, chord.value - typical.bend * noise, 0.0),
+        np.where(front, value - bend * noise, 0.0),
         np.where(front, deviation, np.inf),
-        np.where(front[:, None], typical.lever, 0.0),
+        np.where(front[:, None], lever, 0.0),
         share,
         np.where(front, crease, 0.0),
-        np.where(hidden, np.inf, np.sqrt(noise) / np.maximum(typical.cosine, DEGREE)),
+        np.where(hidden, np.inf, np.sqrt(noise) / np.maximum(cosine, DEGREE)),
     )
 
 
-class _Chord(NamedTuple):
-    """What a mean normal says of the chord."""
+def _chord(mean: Float[np.ndarray, "edges 3"], grid: HeightGrid, rays: TexelRays) -> tuple[np.ndarray, ...]:
+    """Return the difference that a mean normal gives, and how it changes with that normal.
 
-    value: Float[np.ndarray, " edges"]
-    lever: Float[np.ndarray, "edges 3"]
-    """Derivative of the value by the normal."""
-    bend: Float[np.ndarray, " edges"]
-    """Half the trace of the second derivative, in the plane across the normal."""
-    cosine: Float[np.ndarray, " edges"]
-    """Of the normal with the direction to the camera, at the texel that faces it less."""
-
-
-def _chord(mean: Float[np.ndarray, "edges 3"], grid: HeightGrid, rays: TexelRays) -> _Chord:
-    """Return the difference for a mean normal, and how it changes with that normal."""
+    Returns:
+        The difference; its derivative by the normal; half the trace of its second derivative, in the plane across the
+        normal; the normal's cosine to the camera, at the texel that faces it less.
+    """
     toward = rays.toward[grid.inside]
     r_p, r_q = toward[grid.start], toward[grid.end]
     front_p, front_q = _dot(mean, r_p), _dot(mean, r_q)
@@ -172,10 +161,10 @@ def _chord(mean: Float[np.ndarray, "edges 3"], grid: HeightGrid, rays: TexelRays
             start = rays.start[grid.inside]
             step = start[grid.end] - start[grid.start]
             value = -_dot(mean, step) / cosine
-            return _Chord(value, -(step + value[:, None] * r_p) / cosine[:, None], value / cosine**2, cosine)
+            return value, -(step + value[:, None] * r_p) / cosine[:, None], value / cosine**2, cosine
         value = np.log(front_q / front_p)
         lever = r_q / front_q[:, None] - r_p / front_p[:, None]
-        return _Chord(value, lever, 0.5 * (square_p / front_p**2 - square_q / front_q**2), cosine)
+        return value, lever, 0.5 * (square_p / front_p**2 - square_q / front_q**2), cosine
 
 
 def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "texels 3"]:

@@ -9,12 +9,13 @@ than to any other.
 from __future__ import annotations
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 
 from ...core.thresholds import FAR_MORE, TINY
 from .discontinuities import MIN_PAIRS, OUTLIER, touched
-from .regions import connected, joined, nearest, widened
+from .regions import connected, joined, nearest
 from .system import HeightGrid, HeightSystem
 
 REACHES = (1, 2, 4, 8)  # texels: gaps of up to twice as many, between cuts or a cut and the border, are looked at
@@ -94,8 +95,8 @@ def _with_strips_joined(
 
 def _pieces(grid: HeightGrid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
     """Return connected pieces of the image without what is near a cut; what is near belongs to the nearest piece."""
-    close = widened(touched(grid, cut), reach)
-    piece = connected(grid.inside & ~close)
+    away = np.asarray(scipy.ndimage.distance_transform_cdt(~touched(grid, cut), "chessboard"))
+    piece = connected(grid.inside & (away >= reach))
     large = np.bincount(piece.ravel()) >= MIN_TEXELS
     large[0] = False
     if not large.any():

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import scipy.ndimage
 import scipy.sparse
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Int, Shaped
 
 
 def connected(mask: Bool[np.ndarray, "h w"], *, diagonally: bool = False) -> Int[np.ndarray, "h w"]:
@@ -20,18 +20,6 @@ def joined(count: int, one: Int[np.ndarray, "..."], other: Int[np.ndarray, "..."
     """Return the group of each of so many things, of which these are joined."""
     pairs = scipy.sparse.coo_array((np.ones(one.size, bool), (one.ravel(), other.ravel())), (count, count))
     return scipy.sparse.csgraph.connected_components(pairs, directed=False)[1]
-
-
-def distance(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Return each texel's distance to the nearest one of a mask, in texels."""
-    found: Any = scipy.ndimage.distance_transform_edt(~mask)
-    return found
-
-
-def widened(mask: Bool[np.ndarray, "h w"], reach: int) -> Bool[np.ndarray, "h w"]:
-    """Return the texels less than `reach` rows and columns from a mask's."""
-    found: Any = scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
-    return found < reach
 
 
 def nearest(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, "h w"], ...]:
