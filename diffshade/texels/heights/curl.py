@@ -2,8 +2,8 @@
 
 Around a closed path the differences of any height field add up to 0. What they do add up to is noise, or tells of a
 discontinuity between the texels. A texel of the next coarser level is the mean of 2 x 2 texels, and the differences of
-such means are sums of differences, without a further approximation: of a discontinuity that many texels share, coarser
-levels show more.
+such means are sums of differences, without a further approximation, so that their curl is a weighted sum of the finer
+curl: of a discontinuity that many texels share, coarser levels show more.
 """
 
 from __future__ import annotations
