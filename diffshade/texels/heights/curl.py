@@ -2,8 +2,8 @@
 
 Around a closed path the differences of any height field add up to 0. What they do add up to is noise, or tells of a
 discontinuity between the texels. A texel of the next coarser level is the mean of 2 x 2 texels, and the differences of
-such means are sums of differences, without a further approximation, so that their curl is a weighted sum of the finer
-curl: of a discontinuity that many texels share, coarser levels show more.
+such means are sums of differences, without a further approximation: of a discontinuity that many texels share, coarser
+levels show more.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Float, Num
 
 from ...core.robust_scale import robust_scale
@@ -35,16 +36,16 @@ def curls(
         modes: Differences, of one deviation each, by what all normals have in common.
         smallest: Texels along the shorter side of the coarsest level, at least.
     """
-    curl, *shared = (around(image_of(grid.pair, of), -1) for of in (differences, *modes))
-    variance = around(image_of(grid.pair, variances, np.inf), 1)
+    values = [image_of(grid.pair, of) for of in (differences, *modes)]
+    variance = image_of(grid.pair, variances, np.inf)
     found: list[Float[np.ndarray, "g v"]] = []
-    while not found or min(curl.shape) + 1 >= 2 * smallest:
+    while not found or min(grid.inside.shape) >> len(found) >= smallest:
         if found:
-            curl, *shared = (0.25 * _coarser(of) for of in (curl, *shared))
-            variance = _coarser(variance) / 16.0
-        # the slopes of single texels have independent noise: half of it is in common to two neighbouring differences
-        growth = (4.0 - 4.0 ** -len(found)) / 3.0
-        total = growth * variance + sum(of**2 for of in shared)
+            values = [_coarser(of, 2.0) / 4.0 for of in values]
+            variance = _coarser(variance, 4.0) / 12.0  # as neighbours in a row have half of their noise in common
+        growth = (4.0 - 4.0 ** -len(found)) / 3.0  # where the slopes of single texels have independent noise
+        curl, *shared = (around(of, -1) for of in values)
+        total = growth * around(variance, 1) + sum(of**2 for of in shared)
         found.append(np.where(np.isfinite(total), curl / np.sqrt(total), 0.0))
     return found
 
@@ -55,10 +56,11 @@ def around(pairs: Num[np.ndarray, "2 h w"], back: int) -> Num[np.ndarray, "g v"]
     return across[:-1, :-1] + down[:-1, 1:] + back * (across[1:, :-1] + down[:-1, :-1])
 
 
-def _coarser(image: Float[np.ndarray, "g v"]) -> Float[np.ndarray, "e u"]:
-    """Return sums of three in a row, the middle one twice, both ways, at every second place."""
-    rows = image[:-2:2] + 2.0 * image[1:-1:2] + image[2::2]
-    return rows[:, :-2:2] + 2.0 * rows[:, 1:-1:2] + rows[:, 2::2]
+def _coarser(pairs: Float[np.ndarray, "2 h w"], middle: float) -> Float[np.ndarray, "2 g v"]:
+    """Return sums for pairs of texels of twice the size: of three in a row, the middle one weighted, in both rows."""
+    weights, (across, down) = np.array([[1.0, middle, 1.0]] * 2), pairs
+    sums = scipy.ndimage.correlate(across, weights), scipy.ndimage.correlate(down, weights.T)
+    return np.stack(sums)[:, 1::2, 1::2]
 
 
 def noise_scale(grid: HeightGrid, pairs: Differences) -> float:

@@ -59,7 +59,7 @@ def discontinuities(
         testable: Pairs that can show a jump.
         report_progress: Told how far the search is.
     """
-    square, u = np.maximum(*_ends(grid, _doubt(curls[:SEED_LEVELS]))) - 1.0, np.zeros(grid.size)
+    square, u = _doubt(curls[:SEED_LEVELS])[grid.pair] - 1.0, np.zeros(grid.size)
 
     def solved(weights: Float[np.ndarray, " edges"], **options: int) -> tuple[np.ndarray, np.ndarray]:
         found = HeightSystem(grid, weights / variances).solve(differences, u, **options)
@@ -76,22 +76,22 @@ def discontinuities(
     return cut, u
 
 
-def _doubt(curls: Sequence[Float[np.ndarray, "g v"]]) -> Float[np.ndarray, "g v"]:
-    """Return 1 + curl^2 around each four texels, times that of the coarser levels whose curl contains theirs."""
+def _doubt(curls: Sequence[Float[np.ndarray, "g v"]]) -> Float[np.ndarray, "2 h w"]:
+    """Return 1 + curl^2 beside each pair, the larger of two, times the most doubt of coarser pairs that contain it."""
     finest, *coarser = curls
-    within = np.ones(finest.shape)
+    doubt = 1.0 + np.maximum(*_beside(finest**2))
     if coarser:
-        rows, columns = coarser[0].shape
-        within[1 : 2 * rows + 1 : 2, 1 : 2 * columns + 1 : 2] = _doubt(coarser)
-        within = scipy.ndimage.maximum_filter(within, 3)
-    return (1.0 + finest**2) * within
+        within = _doubt(coarser).repeat(2, axis=1).repeat(2, axis=2)
+        _, rows, columns = within.shape
+        for axis in (1, 0):  # along the pairs, every second one is in two of the coarser level
+            doubt[1 - axis, :rows, :columns] *= scipy.ndimage.maximum_filter1d(within[1 - axis], 2, axis)
+    return doubt
 
 
-def _ends(grid: HeightGrid, of: Num[np.ndarray, "g v"]) -> tuple[np.ndarray, np.ndarray]:
+def _beside(of: Num[np.ndarray, "g v"]) -> tuple[np.ndarray, np.ndarray]:
     """Return what is said of the four texels on one side of each pair and on the other; 0 beyond the border."""
     padded = np.pad(of, 1)
-    one, other = np.stack([padded[:-1, 1:], padded[1:, :-1]]), padded[1:, 1:]
-    return one[grid.pair], np.broadcast_to(other, one.shape)[grid.pair]
+    return np.stack([padded[:-1, 1:], padded[1:, :-1]]), padded[1:, 1:]
 
 
 def touched(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, "h w"]:
@@ -114,6 +114,6 @@ def _followed(
 ) -> Bool[np.ndarray, " edges"]:
     """Return the cut pairs and the candidates that continue them."""
     for _ in range(MAX_FOLLOWED):
-        beside = around(image_of(grid.pair, cut.astype(int)), 1)
-        cut = cut | (candidates & (sum(_ends(grid, beside)) > 0))
+        one, other = _beside(around(image_of(grid.pair, cut.astype(int)), 1))
+        cut = cut | (candidates & (one + other > 0)[grid.pair])
     return cut
