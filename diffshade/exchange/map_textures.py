@@ -96,7 +96,7 @@ def _frames(mesh: HeightMesh, shape: tuple[int, int]) -> tuple[Float[np.ndarray,
     from scipy.spatial import KDTree
 
     rays = rays_of(mesh.camera)
-    start, toward = (np.broadcast_to(of, (*shape, 3)).reshape(-1, 3) for of in (rays.start, -rays.toward))
+    start, toward = rays.start.reshape(-1, 3), -rays.toward.reshape(-1, 3)
     hits = first_hits(Triangles(mesh.corner, mesh.face), start, toward)
     place = (np.indices(shape).reshape(2, -1).T + 0.5) / shape
     ahead = np.flatnonzero(mesh.normal @ camera_axes(mesh.camera)[2] > 0.0)

@@ -12,7 +12,7 @@ from ...core.fields import check, check_kind, refuse_traced
 from ...core.masks import as_mask
 from ...core.thresholds import DEGREE
 from ...model.cameras import AbstractCamera
-from .differences import TexelRays, facing, rays_of
+from .differences import TexelRays, rays_of
 
 MAX_AWAY = 0.2  # share of the known normals that may face away from the camera: more are in another frame
 MAX_ERROR = 40.0  # degrees; a normal with a larger error is not known
@@ -29,6 +29,7 @@ class Given(NamedTuple):
     known: Bool[np.ndarray, "h w"]
     away: int
     """Number of normals that face away from the camera, and count as not known."""
+    camera: AbstractCamera
     rays: TexelRays
     shared: float
     """Standard deviation of what all normals have in common, radians."""
@@ -43,14 +44,9 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any, shared_error: Any
     check(camera)
     shape = camera.shape
     normals = float64_of("normals", normals)
-    if normals.shape != (*shape, 3):
-        raise ValueError(
-            f"normals must have the camera's shape, {(*shape, 3)}; got {normals.shape}. Give one vector a pixel, or "
-            "the camera of these normals."
-        )
+    _check_shape("normals", normals, (*shape, 3), "Give one vector a pixel, or the camera of these normals.")
     inside = np.asarray(as_mask(mask)) if mask is not None else (normals != 0).any(-1)
-    if inside.shape != shape:
-        raise ValueError(f"mask must have the camera's shape {shape}; got {inside.shape}. Resize it.")
+    _check_shape("mask", inside, shape, "Resize it.")
     degrees = None if errors is None else _checked_errors(errors, shape, inside)
     known = inside if degrees is None else inside & (degrees <= MAX_ERROR)
     if not known.any():
@@ -68,7 +64,7 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any, shared_error: Any
     rays = rays_of(camera)
     toward = rays.toward / np.linalg.norm(rays.toward, axis=-1, keepdims=True)
     normals = np.where(known[..., None], normals / np.where(known, length, 1.0)[..., None], toward)
-    away = known & (facing(normals, rays) < DEGREE)
+    away = known & (np.sum(normals * toward, -1) < DEGREE)
     if away.sum() > MAX_AWAY * known.sum():
         row, column = np.argwhere(away)[0]
         raise ValueError(
@@ -80,7 +76,13 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any, shared_error: Any
     # the error of a normal is that of both axes
     sigma = None if degrees is None else np.deg2rad(np.where(inside, degrees, 0.0)) / np.sqrt(2.0)
     shared = DEGREE if shared_error is None else _checked_shared(shared_error)
-    return Given(normals, sigma, inside, known & ~away, int(away.sum()), rays, shared, shared_error is None)
+    return Given(normals, sigma, inside, known & ~away, int(away.sum()), camera, rays, shared, shared_error is None)
+
+
+def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...], remedy: str) -> None:
+    """Raise ValueError for an array that has not the camera's shape."""
+    if array.shape != shape:
+        raise ValueError(f"{name} must have the camera's shape {shape}; got {array.shape}. {remedy}")
 
 
 def _checked_shared(shared_error: Any) -> float:
@@ -98,10 +100,7 @@ def _checked_errors(errors: Any, shape: tuple[int, int], inside: np.ndarray) -> 
     """Return the errors as one number a texel."""
     degrees = float64_of("errors", errors)
     degrees = degrees[..., 0] if degrees.shape == (*shape, 1) else degrees
-    if degrees.shape != shape:
-        raise ValueError(
-            f"errors must have the camera's shape {shape}; got {degrees.shape}. Give one number of degrees a texel."
-        )
+    _check_shape("errors", degrees, shape, "Give one number of degrees a texel.")
     if (wrong := inside & ~(degrees > 0)).any():
         row, column = np.argwhere(wrong)[0]
         raise ValueError(

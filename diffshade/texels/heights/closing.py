@@ -36,7 +36,7 @@ def walls(corner: Squares, *, ends: bool) -> Int[np.ndarray, "faces 3"]:
         corner: The corners of the squares.
         ends: Close the ends of walls, where several meet, by triangles without an area.
     """
-    loops = _loops(corner)
+    loops = sides(corner)
     if ends:
         around = corner[:-1, :-1, 3], corner[1:, :-1, 1], corner[1:, 1:, 0], corner[:-1, 1:, 2]
         loops = np.concatenate([loops, np.stack(around, -1).reshape(-1, 4)])
@@ -52,7 +52,7 @@ def placed(distance: Float[np.ndarray, " n"], corner: Squares, part: Int[np.ndar
         corner: The corners of the squares.
         part: The part of each pixel, the largest first; -1 where there is none.
     """
-    loops, pairs = _loops(corner), _pairs(part)
+    loops, pairs = sides(corner), sides(np.repeat(part[..., None], 4, -1))[:, 1:3]
     seam = (pairs >= 0).all(-1) & (pairs[:, 0] != pairs[:, 1])
     loops, pairs = loops[seam], pairs[seam]
     jump = distance[loops[:, [3, 2]]] - distance[loops[:, [0, 1]]]
@@ -83,20 +83,16 @@ def smoothed_rims(
         owner: The same of the pixels inside alone.
         cosine: Of each one's normal with its line of sight.
     """
-    loops = _loops(corner)
+    loops = sides(corner)
     apart = loops[(loops[:, :2] != loops[:, :1:-1]).any(-1)]
     edge = np.concatenate([apart[:, :2], apart[:, 2:]])
     rim, at = np.unique(edge[(edge >= 0).all(-1)], return_inverse=True)
     square = np.clip(cosine, SINGLE, 1.0 - SINGLE) ** 2
     hold = np.bincount(owner.ravel(), np.repeat(square / (1.0 - square), 4), len(distance))[rim]
-    count, ends = at.size // 2, at.reshape(-1, 2).T
-    step = scipy.sparse.coo_array(
-        (np.repeat([1.0, -1.0], count), (np.tile(np.arange(count), 2), ends.ravel())), (count, len(rim))
-    ).tocsr()
+    edges = scipy.sparse.coo_array((np.ones(at.size // 2), at.reshape(-1, 2).T), (len(rim), len(rim)))
+    matrix = scipy.sparse.csgraph.laplacian(edges, symmetrized=True) + scipy.sparse.diags_array(hold)
     found = distance.copy()
-    found[rim] = scipy.sparse.linalg.spsolve(
-        (step.T @ step + scipy.sparse.diags_array(hold)).tocsc(), hold * distance[rim]
-    )
+    found[rim] = scipy.sparse.linalg.spsolve(matrix.tocsc(), hold * distance[rim])
     return found
 
 
@@ -106,15 +102,9 @@ def corners_of_all(shape: tuple[int, ...]) -> Squares:
     return np.stack([vertex[:-1, :-1], vertex[:-1, 1:], vertex[1:, :-1], vertex[1:, 1:]], -1)
 
 
-def _loops(corner: Squares) -> Int[np.ndarray, "sides 4"]:
+def sides(corner: Squares) -> Int[np.ndarray, "sides 4"]:
     """Return, at each side between neighbours, its two corners in one square and back in the other one."""
     left, right, upper, lower = corner[:, :-1], corner[:, 1:], corner[:-1], corner[1:]
     across = np.stack([left[..., 1], left[..., 3], right[..., 2], right[..., 0]], -1)
     down = np.stack([upper[..., 3], upper[..., 2], lower[..., 0], lower[..., 1]], -1)
     return np.concatenate([across.reshape(-1, 4), down.reshape(-1, 4)])
-
-
-def _pairs(part: Int[np.ndarray, "h w"]) -> Int[np.ndarray, "sides 2"]:
-    """Return the two neighbours at each side, in the order of `_loops`."""
-    across, down = np.stack([part[:, :-1], part[:, 1:]], -1), np.stack([part[:-1], part[1:]], -1)
-    return np.concatenate([across.reshape(-1, 2), down.reshape(-1, 2)])

@@ -15,14 +15,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 from jaxtyping import Float, Int
 
 from ...core.thresholds import MINOR, SMALL
-from .closing import corners_of_all, placed, smoothed_rims, walls
+from .closing import corners_of_all, placed, sides, smoothed_rims, walls
 from .differences import rays_of
 from .facets import Facets, refined
 from .map import HeightMap
+from .regions import image_of, joined
 
 HOLD = SMALL  # weight of a pixel's height beside its plane
 
@@ -46,9 +46,9 @@ def corners_of(heights: HeightMap, *, back: bool = False) -> Corners:
     count = int(owner.max()) + 1
     rays = rays_of(heights.camera, corners=True)
     shape = tuple(side + 1 for side in inside.shape)
-    row, column = np.nonzero(inside)
-    at = np.stack([(row + down) * shape[1] + column + right for down in (0, 1) for right in (0, 1)], -1)
-    start, toward = (np.broadcast_to(of, (*shape, 3)).reshape(-1, 3) for of in (rays.start, rays.toward))
+    within, everywhere = np.pad(inside, 1), corners_of_all(shape)
+    at = everywhere[within]
+    start, toward = rays.start.reshape(-1, 3), rays.toward.reshape(-1, 3)
     n, depth, P = (of[inside][:, None] for of in (heights.normal, heights.depth, heights.position))
     facing = (n * toward[at]).sum(-1)
     ahead = (n * (start[at] - P)).sum(-1)
@@ -64,9 +64,7 @@ def corners_of(heights: HeightMap, *, back: bool = False) -> Corners:
     line = np.zeros(count, int)
     line[owner] = at
     errors = total(np.broadcast_to(heights.errors[inside][:, None], owner.shape)) / np.bincount(owner.ravel())
-    squares = np.full((shape[0] + 1, shape[1] + 1, 4), -1)
-    within = np.pad(inside, 1)
-    squares[within] = owner
+    squares = image_of(within, owner, -1)
     d = smoothed_rims(d, squares, owner, cosine)
     moved = placed(d if rays.parallel else np.log(d), squares, np.pad(heights.part, 1, constant_values=-1))
     by = np.zeros(count)
@@ -75,10 +73,10 @@ def corners_of(heights: HeightMap, *, back: bool = False) -> Corners:
     place = np.stack([line, d.astype(np.float32)], -1)  # parts that were placed meet somewhere exactly
     _, first, same = np.unique(place, axis=0, return_index=True, return_inverse=True)
     owner, line, d, errors = same.ravel()[owner], line[first], d[first], errors[first]
-    squares[within] = owner
+    squares = image_of(within, owner, -1)
     face = owner[:, [[0, 2, 1], [1, 2, 3]]].reshape(-1, 3)
     if back:
-        behind = len(d) + corners_of_all(shape)
+        behind = len(d) + everywhere
         squares = np.where(within[..., None], squares, behind)
         face = np.concatenate([face, behind[within][:, [[0, 1, 2], [1, 3, 2]]].reshape(-1, 3)])
         deep = d.max() + MINOR * np.linalg.norm(size)
@@ -90,14 +88,8 @@ def corners_of(heights: HeightMap, *, back: bool = False) -> Corners:
 
 def _shared(heights: HeightMap) -> Int[np.ndarray, "pixels 4"]:
     """Return the number of each pixel's corners: neighbours without a jump between them share two."""
-    inside, count = heights.mask, int(heights.mask.sum())
-    number = np.full(inside.shape, -1)
-    number[inside] = 4 * np.arange(count)  # of the pixel's top left; the others follow
-    right = inside[:, :-1] & inside[:, 1:] & ~heights.jump_right[:, :-1]
-    below = inside[:-1] & inside[1:] & ~heights.jump_below[:-1]
-    one, other = number[:, :-1][right], number[:, 1:][right]
-    upper, lower = number[:-1][below], number[1:][below]
-    from_ = np.concatenate([one + 1, one + 3, upper + 2, upper + 3])
-    to = np.concatenate([other, other + 2, lower, lower + 1])
-    same = scipy.sparse.coo_array((np.ones(len(from_), bool), (from_, to)), (4 * count, 4 * count))
-    return scipy.sparse.csgraph.connected_components(same, directed=False)[1].reshape(count, 4)
+    count = int(heights.mask.sum())
+    loops = sides(image_of(heights.mask, np.arange(4 * count).reshape(-1, 4), -1))
+    jump = np.concatenate([heights.jump_right[:, :-1].ravel(), heights.jump_below[:-1].ravel()])
+    same = loops[(loops >= 0).all(-1) & ~jump]
+    return joined(4 * count, same[:, :2], same[:, :1:-1]).reshape(count, 4)

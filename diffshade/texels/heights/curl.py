@@ -9,117 +9,65 @@ levels show more.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+import scipy.ndimage
+from jaxtyping import Float, Num
 
 from ...core.robust_scale import robust_scale
-from ...core.thresholds import SMALL
 from .differences import Differences
+from .regions import image_of
+from .system import HeightGrid
 
 
-class PyramidLevel(NamedTuple):
-    """Differences across and down at one resolution."""
+def curls(
+    grid: HeightGrid,
+    differences: Float[np.ndarray, " edges"],
+    variances: Float[np.ndarray, " edges"],
+    modes: Iterable[Float[np.ndarray, " edges"]] = (),
+    smallest: int = 6,
+) -> list[Float[np.ndarray, "g v"]]:
+    """Return the curl in its standard deviations, the finest level first; 0 where a difference is missing.
 
-    inside: Bool[np.ndarray, "h w"]
-    values: tuple[Float[np.ndarray, "h v"], Float[np.ndarray, "g w"]]
-    """Across and down; 0 where there is none."""
-    variances: tuple[Float[np.ndarray, "h v"], Float[np.ndarray, "g w"]]
-    """Infinite where there is no difference."""
-    depth: int = 0
-    """Number of the level; the texels of the next one are twice as large."""
-    shared: Float[np.ndarray, "e u"] | float = 0.0
-    """Variance of the curl by what all normals have in common."""
-
-    @classmethod
-    def of(
-        cls, inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences, tail: float = 0.0
-    ) -> PyramidLevel:
-        """Return the finest level, without differences where the surface is too steep.
-
-        Args:
-            inside: Where there are texels.
-            across: Differences across.
-            down: Differences down.
-            tail: Deviations up to which the curl is to be trusted as if its distribution were normal. The square of a
-                normal's noise makes steep differences too large by `tail` times the steepness there.
-        """
-        variances = [
-            np.where(
-                pair.steepness > SMALL,
-                np.inf,
-                ((1.0 + tail * np.minimum(pair.steepness, SMALL)) * pair.deviation) ** 2,
-            )
-            for pair in (across, down)
-        ]
-        return cls(inside, (across.value, down.value), (variances[0], variances[1]))
-
-    def curl(self) -> Float[np.ndarray, "g v"]:
-        """Return the curl around each four texels in its standard deviations; 0 where a difference is missing."""
-        v_across, v_down = self.variances
-        variance = v_across[:-1] + v_down[:, 1:] + v_across[1:] + v_down[:, :-1] + self.shared
-        return np.where(np.isfinite(variance), self.total() / np.sqrt(variance), 0.0)
-
-    def total(self) -> Float[np.ndarray, "e u"]:
-        """Return what the differences add up to around each four texels."""
-        across, down = self.values
-        return across[:-1] + down[:, 1:] - across[1:] - down[:, :-1]
-
-    def coarser(self) -> PyramidLevel:
-        """Return the level of texels of twice the size; those that are not wholly inside are left out."""
-        h, w = (size // 2 for size in self.inside.shape)
-        inside = np.asarray(self.inside[: 2 * h, : 2 * w].reshape(h, 2, w, 2).all((1, 3)))
-        growth = _white_noise(self.depth + 1) / _white_noise(self.depth)
-        values, variances = [], []
-        for axis in (1, 0):
-            turn = (lambda image: image) if axis else np.transpose
-            value, variance = (turn(of[1 - axis]) for of in (self.values, self.variances))
-            rows, pairs = turn(inside).shape[0], turn(inside).shape[1] - 1
-
-            def mean(image: np.ndarray, middle: float, rows: int = rows, pairs: int = pairs) -> np.ndarray:
-                """Add three differences in a row, the middle one with this weight; the mean over two rows."""
-                first, second, third = (image[: 2 * rows, k : k + 2 * pairs : 2] for k in range(3))
-                total = first + middle * second + third
-                return 0.5 * (total[::2] + total[1::2])
-
-            pair = turn(inside[:, 1:] & inside[:, :-1] if axis else inside[1:] & inside[:-1])
-            spread = np.where(pair, mean(variance, 4.0) / 6.0 * growth, np.inf)
-            values.append(turn(np.where(np.isfinite(spread), 0.5 * mean(value, 2.0), 0.0)))
-            variances.append(turn(spread))
-        return PyramidLevel(inside, (values[0], values[1]), (variances[0], variances[1]), self.depth + 1)
-
-
-def _white_noise(depth: int) -> float:
-    """Return the variance of a level's differences where the slopes of single texels have independent noise of 1."""
-    return 2.0 / 3.0 - 4.0**-depth / 6.0
-
-
-def levels(finest: PyramidLevel, smallest: int = 6) -> list[PyramidLevel]:
-    """Return the levels from the finest one, as long as an image is not smaller than `smallest` texels."""
-    found = [finest]
-    while min(found[-1].inside.shape) >= 2 * smallest:
-        found.append(found[-1].coarser())
+    Args:
+        grid: The texels.
+        differences: Of each pair.
+        variances: Of each pair; infinite where the difference is not to be looked at.
+        modes: Differences, of one deviation each, by what all normals have in common.
+        smallest: Texels along the shorter side of the coarsest level, at least.
+    """
+    values = [image_of(grid.pair, of) for of in (differences, *modes)]
+    variance = image_of(grid.pair, variances, np.inf)
+    found: list[Float[np.ndarray, "g v"]] = []
+    while not found or min(grid.inside.shape) >> len(found) >= smallest:
+        if found:
+            values = [_coarser(of, 2.0) / 4.0 for of in values]
+            variance = _coarser(variance, 4.0) / 12.0  # as neighbours in a row have half of their noise in common
+        growth = (4.0 - 4.0 ** -len(found)) / 3.0  # where the slopes of single texels have independent noise
+        curl, *shared = (around(of, -1) for of in values)
+        total = growth * around(variance, 1) + sum(of**2 for of in shared)
+        found.append(np.where(np.isfinite(total), curl / np.sqrt(total), 0.0))
     return found
 
 
-def with_shared(
-    found: list[PyramidLevel], modes: Iterable[tuple[Float[np.ndarray, "h v"], Float[np.ndarray, "g w"]]]
-) -> list[PyramidLevel]:
-    """Return levels whose curl may also be that of modes: differences, across and down, of one deviation each."""
-    shared: list[Any] = [0.0] * len(found)
-    for mode in modes:
-        for k, level in enumerate(levels(found[0]._replace(values=mode))):
-            shared[k] = shared[k] + level.total() ** 2
-    return [level._replace(shared=of) for level, of in zip(found, shared, strict=True)]
+def around(pairs: Num[np.ndarray, "2 h w"], back: int) -> Num[np.ndarray, "g v"]:
+    """Return what pairs, across and down, add up to around each four texels, on the way back times `back`."""
+    across, down = pairs
+    return across[:-1, :-1] + down[:-1, 1:] + back * (across[1:, :-1] + down[:-1, :-1])
 
 
-def noise_scale(inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences) -> float:
+def _coarser(pairs: Float[np.ndarray, "2 h w"], middle: float) -> Float[np.ndarray, "2 g v"]:
+    """Return sums for pairs of texels of twice the size: of three in a row, the middle one weighted, in both rows."""
+    weights, (across, down) = np.array([[1.0, middle, 1.0]] * 2), pairs
+    sums = scipy.ndimage.correlate(across, weights), scipy.ndimage.correlate(down, weights.T)
+    return np.stack(sums)[:, 1::2, 1::2]
+
+
+def noise_scale(grid: HeightGrid, pairs: Differences) -> float:
     """Return how much larger the curl is than noise alone makes it: its median size over that of noise; 0 if unknown.
 
     Creases and jumps, which few texels have, do not count.
     """
-    pairs = [pair._replace(deviation=np.sqrt(pair.deviation**2 - pair.crease**2)) for pair in (across, down)]
-    curl = PyramidLevel.of(inside, pairs[0], pairs[1]).curl()
+    curl = curls(grid, pairs.value, pairs.shown() - pairs.crease**2)[0]
     known = curl[curl != 0]
     return robust_scale(known) if known.size else 0.0

@@ -15,31 +15,26 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import correlate1d, minimum_filter1d
 
 from ...core.backend import in_float64
-from ...core.robust_scale import RARE
-from ...core.thresholds import DEGREE
+from ...core.robust_scale import RARE, UNIFORM
+from ...core.thresholds import DEGREE, NEGLIGIBLE, SMALL
 from ...model.cameras import AbstractCamera
 from ..robust.neighbours import MISFIT_SIDE
+from .system import HeightGrid
 
 
 class TexelRays(NamedTuple):
     """The rays of a camera's texels, in world coordinates: parallel, or from one eye."""
 
-    toward: Float[np.ndarray, "3"] | Float[np.ndarray, "h w 3"]
-    """Towards the camera: a unit vector; or -r, for a ray r of which the component along the view axis is 1."""
-    step: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
-    """From one parallel ray's start to the next: across and down, scene units."""
-    start: Float[np.ndarray, "h w 3"] | Float[np.ndarray, "3"]
+    start: Float[np.ndarray, "h w 3"]
+    toward: Float[np.ndarray, "h w 3"]
+    """Towards the camera: of length 1 along the view axis."""
+    parallel: bool
     distance: float
     """From the eye to the plane through the camera's target, scene units."""
-
-    @property
-    def parallel(self) -> bool:
-        """Whether the rays are parallel."""
-        return self.toward.ndim == 1
 
 
 def rays_of(camera: AbstractCamera, *, corners: bool = False) -> TexelRays:
@@ -48,75 +43,64 @@ def rays_of(camera: AbstractCamera, *, corners: bool = False) -> TexelRays:
     Raises:
         ValueError: The rays are neither parallel nor from one eye.
     """
-    with in_float64(camera) as seen_by:
-        found = seen_by.projection()
-        o, o_column, o_row, d, d_column, d_row, backward = (
-            np.array([np.asarray(part) for part in (v.x, v.y, v.z)], np.float64)
-            for v in (
-                found.origin,
-                found.origin_column,
-                found.origin_row,
-                found.direction,
-                found.direction_column,
-                found.direction_row,
-                found.backward,
-            )
-        )
+    origin, direction = affine_rays(camera)
     rows, columns = camera.shape
-    row, column = (np.indices((rows + 1, columns + 1)) if corners else np.indices(camera.shape) + 0.5)[..., None]
-    distance = distance_to_target(camera)
-    if not d_column.any() and not d_row.any():
-        return TexelRays(backward, (o_column, o_row), o + o_column * column + o_row * row, distance)
-    if o_column.any() or o_row.any():
+    row, column = np.indices((rows + 1, columns + 1)) if corners else np.indices(camera.shape) + 0.5
+    place = np.stack([column, row, np.ones_like(row)], -1)
+    parallel = not direction[:2].any()
+    if not parallel and origin[:2].any():
         raise ValueError(
             f"camera must have parallel rays or rays from one eye; those of {type(camera).__name__} are neither. Give "
             "a Camera or an OrthographicCamera."
         )
-    zero = np.zeros(3)
-    return TexelRays(-(d + d_column * column + d_row * row), (zero, zero), o, distance)
+    distance = np.linalg.norm(np.asarray(camera.eye, np.float64) - np.asarray(camera.target, np.float64))
+    return TexelRays(place @ origin, -(place @ direction), parallel, float(distance))
 
 
-def distance_to_target(camera: AbstractCamera) -> float:
-    """Return the distance from the eye to the plane through the camera's target, scene units."""
-    return float(np.linalg.norm(np.asarray(camera.eye, np.float64) - np.asarray(camera.target, np.float64)))
-
-
-def facing(normals: Float[np.ndarray, "h w 3"], rays: TexelRays) -> Float[np.ndarray, "h w"]:
-    """Return the cosine of the angle between each normal and the direction to the camera."""
-    return _dot(normals, rays.toward) / np.linalg.norm(rays.toward, axis=-1)
+def affine_rays(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
+    """Return the matrices that take (column, row, 1), pixel centres at +.5, to a ray's origin and its direction."""
+    with in_float64(camera) as seen_by:
+        found = seen_by.projection()
+        origin = (found.origin_column, found.origin_row, found.origin)
+        direction = (found.direction_column, found.direction_row, found.direction)
+        return np.array([v.stack() for v in origin]), np.array([v.stack() for v in direction])
 
 
 class Differences(NamedTuple):
-    """Along one axis of the image: from each texel to the next one, where both are inside and face the camera."""
+    """From the first texel of each pair to its second."""
 
-    value: Float[np.ndarray, "g v"]
-    """u of the next texel minus u of this one; 0 where there is none."""
-    deviation: Float[np.ndarray, "g v"]
+    value: Float[np.ndarray, " edges"]
+    """u of the second texel minus u of the first; 0 where one of the two rays would see the back."""
+    deviation: Float[np.ndarray, " edges"]
     """Its standard deviation; infinite where there is no difference."""
-    lever: Float[np.ndarray, "g v 3"]
+    lever: Float[np.ndarray, "edges 3"]
     """Its derivative by the mean of both normals."""
-    share: Float[np.ndarray, "g v"]
-    """Share of this texel in that mean; the rest is the next texel's."""
-    crease: Float[np.ndarray, "g v"]
+    share: Float[np.ndarray, " edges"]
+    """Share of the first texel in that mean; the rest is the second's."""
+    crease: Float[np.ndarray, " edges"]
     """Standard deviation that a crease at an unknown place between the two adds; a part of `deviation`."""
-    steepness: Float[np.ndarray, "g v"]
+    steepness: Float[np.ndarray, " edges"]
     """Deviation of the mean normal over its cosine to the camera: how far noise distorts the difference. Infinite where
     it cannot show a jump at all."""
 
-    @property
-    def known(self) -> Bool[np.ndarray, "g v"]:
-        """Where there is a difference."""
-        return np.isfinite(self.deviation)
+    def shown(self, tail: float = 0.0) -> Float[np.ndarray, " edges"]:
+        """Return the variances for a search of jumps, infinite where the surface is too steep for one.
+
+        `tail`: deviations up to which the curl is to be trusted as if its distribution were normal. The square of a
+        normal's noise makes steep differences too large by `tail` times the steepness there.
+        """
+        wider = 1.0 + tail * np.minimum(self.steepness, SMALL)
+        return np.where(self.steepness > SMALL, np.inf, (wider * self.deviation) ** 2)
 
 
 def differences(
     normals: Float[np.ndarray, "h w 3"],
     sigma: Float[np.ndarray, "h w"],
-    inside: Bool[np.ndarray, "h w"],
+    grid: HeightGrid,
     rays: TexelRays,
     interpolated: Bool[np.ndarray, "h w"] | None = None,
-) -> tuple[Differences, Differences]:
-    r"""Return the differences across and down.
+) -> Differences:
+    r"""Return the difference of each pair.
 
     The mean of two normals of unequal errors weighs them by x and 1 - x, so that its variance
 
@@ -131,125 +115,92 @@ def differences(
     Args:
         normals: Unit normals in world coordinates, those that are not known interpolated.
         sigma: Their standard deviation about each of two axes, radians; finite.
-        inside: Where there are texels.
+        grid: The texels.
         rays: The rays of the camera.
         interpolated: Where the normal is interpolated; nowhere by default. It cannot show a jump.
     """
-    smooth = smoothed(normals, inside)
-    both = []
-    for axis in (1, 0):
-        here, there = _pair(axis)
-        pair = inside[here] & inside[there]
-        n_p, n_q, s_p, s_q = normals[here], normals[there], sigma[here] ** 2, sigma[there] ** 2
-        turn = np.sum((n_q - n_p) ** 2, -1)
-        turn = np.maximum(turn - 2.0 * (s_p + s_q), 0.0)  # what noise does not explain; each has two axes
-        total = s_p + s_q + turn
-        share = np.divide(s_q + turn / 2.0, total, out=np.full(total.shape, 0.5), where=total > 0)
-        weight = share[..., None]
-        noise = share**2 * s_p + (1.0 - share) ** 2 * s_q
-        chord = _chord(weight * n_p + (1.0 - weight) * n_q, rays, axis)
-        typical = _chord(weight * smooth[here] + (1.0 - weight) * smooth[there], rays, axis)
-        size = np.linalg.norm(typical.lever, axis=-1)
-        pair &= chord.front & typical.front
-        shows = pair if interpolated is None else pair & ~(interpolated[here] | interpolated[there])
-        crease = size * _crease(normals, sigma, inside, axis)
-        deviation = np.sqrt(size**2 * (noise + (0.5 - share) ** 2 * turn) + crease**2)
-        both.append(
-            Differences(
-                np.where(pair, chord.value - typical.bend * noise, 0.0),
-                np.where(pair, deviation, np.inf),
-                np.where(pair[..., None], typical.lever, 0.0),
-                share,
-                np.where(pair, crease, 0.0),
-                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, DEGREE), np.inf),
-            )
-        )
-    return both[0], both[1]
+    inside, p, q = grid.inside, grid.start, grid.end
+    n, smooth, variance = normals[inside], smoothed(normals, inside), sigma[inside] ** 2
+    s_p, s_q = variance[p], variance[q]
+    turn = np.sum((n[q] - n[p]) ** 2, -1)
+    turn = np.maximum(turn - 2.0 * (s_p + s_q), 0.0)  # what noise does not explain; each has two axes
+    total = s_p + s_q + turn
+    share = np.divide(s_q + turn / 2.0, total, out=np.full(total.shape, 0.5), where=total > 0)
+    noise = share**2 * s_p + (1.0 - share) ** 2 * s_q
+    value, _, _, own_cosine = _chord(grid.mean(n, share), grid, rays)
+    _, lever, bend, cosine = _chord(grid.mean(smooth, share), grid, rays)
+    size = np.linalg.norm(lever, axis=-1)
+    front = np.minimum(own_cosine, cosine) > 0.5 * DEGREE
+    hidden = ~front if interpolated is None else ~front | interpolated[inside][p] | interpolated[inside][q]
+    crease = size * _crease(normals, sigma, grid)
+    deviation = np.sqrt(size**2 * (noise + (0.5 - share) ** 2 * turn) + crease**2)
+    return Differences(
+        np.where(front, value - bend * noise, 0.0),
+        np.where(front, deviation, np.inf),
+        np.where(front[:, None], lever, 0.0),
+        share,
+        np.where(front, crease, 0.0),
+        np.where(hidden, np.inf, np.sqrt(noise) / np.maximum(cosine, DEGREE)),
+    )
 
 
-class _Chord(NamedTuple):
-    """What a mean normal says of the chord."""
+def _chord(mean: Float[np.ndarray, "edges 3"], grid: HeightGrid, rays: TexelRays) -> tuple[np.ndarray, ...]:
+    """Return the difference that a mean normal gives, and how it changes with that normal.
 
-    value: Float[np.ndarray, "g v"]
-    lever: Float[np.ndarray, "g v 3"]
-    """Derivative of the value by the normal."""
-    bend: Float[np.ndarray, "g v"]
-    """Half the trace of the second derivative, in the plane across the normal."""
-    front: Bool[np.ndarray, "g v"]
-    """Whether both rays see the front."""
-    cosine: Float[np.ndarray, "g v"]
-    """Of the normal with the direction to the camera."""
-
-
-def _chord(mean: Float[np.ndarray, "g v 3"], rays: TexelRays, axis: int) -> _Chord:
-    """Return the difference for a mean normal, and how it changes with that normal."""
+    Returns:
+        The difference; its derivative by the normal; half the trace of its second derivative, in the plane across the
+        normal; the normal's cosine to the camera, at the texel that faces it less.
+    """
+    toward = rays.toward[grid.inside]
+    r_p, r_q = toward[grid.start], toward[grid.end]
+    front_p, front_q = _dot(mean, r_p), _dot(mean, r_q)
+    square_p, square_q = _dot(r_p, r_p), _dot(r_q, r_q)
+    cosine = np.minimum(front_p / np.sqrt(square_p), front_q / np.sqrt(square_q))
     with np.errstate(divide="ignore", invalid="ignore"):
         if rays.parallel:
-            step, cosine = rays.step[1 - axis], _dot(mean, rays.toward)
+            start = rays.start[grid.inside]
+            step = start[grid.end] - start[grid.start]
             value = -_dot(mean, step) / cosine
-            lever = -(step + value[..., None] * rays.toward) / cosine[..., None]
-            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * DEGREE, cosine)
-        here, there = _pair(axis)
-        r_p, r_q = rays.toward[here], rays.toward[there]
-        front_p, front_q = _dot(mean, r_p), _dot(mean, r_q)
-        square_p, square_q = _dot(r_p, r_p), _dot(r_q, r_q)
+            return value, -(step + value[:, None] * r_p) / cosine[:, None], value / cosine**2, cosine
         value = np.log(front_q / front_p)
-        lever = r_q / front_q[..., None] - r_p / front_p[..., None]
-        bend = 0.5 * (square_p / front_p**2 - square_q / front_q**2)
-        cosine = np.minimum(front_p / np.sqrt(square_p), front_q / np.sqrt(square_q))
-        return _Chord(value, lever, bend, cosine > 0.5 * DEGREE, cosine)
+        lever = r_q / front_q[:, None] - r_p / front_p[:, None]
+        return value, lever, 0.5 * (square_p / front_p**2 - square_q / front_q**2), cosine
 
 
-def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
+def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "texels 3"]:
     """Return the normals smoothed by local planes: least squares of a + b x + c y in a window about each texel."""
-    row, column = np.indices(inside.shape).astype(float)
-    mask = inside.astype(float)
+    along, mask = np.arange(MISFIT_SIDE) - MISFIT_SIDE // 2.0, inside.astype(float)
 
-    def mean(image: np.ndarray) -> np.ndarray:
-        return scipy.ndimage.uniform_filter(image * mask, MISFIT_SIDE, mode="constant")
+    def moment(image: Float[np.ndarray, "h w"], powers: Int[np.ndarray, "2"]) -> Float[np.ndarray, " texels"]:
+        for axis, power in enumerate(powers):
+            image = correlate1d(image, along**power, axis, mode="constant")
+        return image[inside]
 
-    count = np.maximum(mean(np.ones_like(mask)), 0.5 / MISFIT_SIDE**2)
-    y, x = mean(row) / count, mean(column) / count
-    # the window's moments about its own middle, with a ridge for windows without extent
-    ridge = 1e-3
-    xx = mean(column**2) / count - x**2 + ridge
-    yy = mean(row**2) / count - y**2 + ridge
-    xy = mean(row * column) / count - x * y
-    found = np.zeros(normals.shape)
-    for axis in range(3):
-        n = normals[..., axis]
-        middle = mean(n) / count
-        nx, ny = mean(n * column) / count - middle * x, mean(n * row) / count - middle * y
-        determinant = xx * yy - xy**2
-        slope_x, slope_y = (yy * nx - xy * ny) / determinant, (xx * ny - xy * nx) / determinant
-        found[..., axis] = middle + slope_x * (column - x) + slope_y * (row - y)
+    terms = np.array([(0, 0), (1, 0), (0, 1)])  # powers of y and x
+    matrix = np.array([[moment(mask, one + other) for one in terms] for other in terms])
+    right = np.array([[moment(mask * n, term) for n in np.moveaxis(normals, -1, 0)] for term in terms])
+    matrix[[1, 2], [1, 2]] += NEGLIGIBLE * matrix[0, 0]  # for windows without extent
+    found = np.linalg.solve(np.moveaxis(matrix, -1, 0), np.moveaxis(right, -1, 0))[:, 0]
     length = np.linalg.norm(found, axis=-1, keepdims=True)
-    return np.where(length > 0.5, found / np.maximum(length, 0.5), normals)
+    return np.where(length > 0.5, found / np.maximum(length, 0.5), normals[inside])
 
 
 def _crease(
-    normals: Float[np.ndarray, "h w 3"], sigma: Float[np.ndarray, "h w"], inside: Bool[np.ndarray, "h w"], axis: int
-) -> Float[np.ndarray, "g v"]:
+    normals: Float[np.ndarray, "h w 3"], sigma: Float[np.ndarray, "h w"], grid: HeightGrid
+) -> Float[np.ndarray, " edges"]:
     """Return the standard deviation of the mean normal where the surface may have a crease between two texels.
 
     A crease lies anywhere between the centres: uniformly distributed, of deviation 1 / sqrt(12) of the turn. It is one
     where the second difference of the normals at either texel is beyond its noise; a curved surface has a small one.
     """
-    here, there = _pair(axis)
-    first, last = _pair(axis, 2)
-    middle = (slice(1, -1), slice(None)) if axis == 0 else (slice(None), slice(1, -1))
-    second = np.sum((normals[first] - 2.0 * normals[middle] + normals[last]) ** 2, -1)
-    noise = 2.0 * (sigma[first] ** 2 + 4.0 * sigma[middle] ** 2 + sigma[last] ** 2)
-    whole = inside[first] & inside[middle] & inside[last]
-    square = np.zeros(inside.shape)
-    square[middle] = np.where(whole & (second > RARE**2 * noise), second, 0.0)
-    return np.sqrt(np.minimum(square[here], square[there]) / 12.0)
-
-
-def _pair(axis: int, apart: int = 1) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Return the slices of all texels that have one `apart` further along an axis, and of those."""
-    here, there = slice(None, -apart), slice(apart, None)
-    return ((here, slice(None)), (there, slice(None))) if axis == 0 else ((slice(None), here), (slice(None), there))
+    square = []
+    for axis in (1, 0):
+        second = np.sum(correlate1d(normals, [1.0, -2.0, 1.0], axis, mode="constant") ** 2, -1)
+        noise = 2.0 * correlate1d(sigma**2, [1.0, 4.0, 1.0], axis, mode="constant")
+        whole = correlate1d(grid.inside.astype(int), [1, 1, 1], axis, mode="constant") == 3
+        of_texel = np.where(whole & (second > RARE**2 * noise), second, 0.0)
+        square.append(minimum_filter1d(of_texel, 2, axis, origin=-1))
+    return UNIFORM * np.sqrt(np.stack(square)[grid.pair])
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

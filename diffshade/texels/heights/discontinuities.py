@@ -18,13 +18,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+import scipy.ndimage
+from jaxtyping import Bool, Float, Num
 
 from ...core.progress import ReportProgress
 from ...core.robust_scale import OUTLIER
 from ...core.thresholds import TINY
-from .curl import PyramidLevel
-from .regions import connected
+from .curl import around
+from .regions import connected, image_of
 from .system import HeightGrid, HeightSystem
 
 MIN_CURL = 5.5  # curl beyond so many deviations begins a search: noise does so once in 26 million texels
@@ -35,75 +36,74 @@ MAX_FOLLOWED = 8  # pairs, each time
 MIN_PAIRS = 4  # pairs that touch
 
 
-def contradict(levels: Sequence[PyramidLevel]) -> bool:
+def contradict(curls: Sequence[Float[np.ndarray, "g v"]]) -> bool:
     """Return whether a curl is significant at any resolution: whether a search for jumps is worth while."""
-    return any(np.abs(level.curl()).max(initial=0.0) >= MIN_CURL for level in levels)
+    return any(np.abs(curl).max(initial=0.0) >= MIN_CURL for curl in curls)
 
 
 def discontinuities(
     grid: HeightGrid,
-    levels: Sequence[PyramidLevel],
+    curls: Sequence[Float[np.ndarray, "g v"]],
     differences: Float[np.ndarray, " edges"],
     variances: Float[np.ndarray, " edges"],
+    testable: Bool[np.ndarray, " edges"],
     report_progress: ReportProgress,
 ) -> tuple[Bool[np.ndarray, " edges"], Float[np.ndarray, " texels"]]:
     """Return which pairs are cut, and the heights that go with them.
 
     Args:
         grid: The texels.
-        levels: The differences at several resolutions, without those that cannot show a jump.
+        curls: In standard deviations, at several resolutions.
         differences: Of each pair.
         variances: Of each pair.
+        testable: Pairs that can show a jump.
         report_progress: Told how far the search is.
     """
-    testable = np.isfinite(grid.edges(*levels[0].variances))
-    base = 1.0 / variances
-    weights, u = grid.edges(*seeds(levels[:SEED_LEVELS])), None
-    square = np.zeros(testable.shape)
+    square, u = _doubt(curls[:SEED_LEVELS])[grid.pair] - 1.0, np.zeros(grid.size)
+
+    def solved(weights: Float[np.ndarray, " edges"], **options: int) -> tuple[np.ndarray, np.ndarray]:
+        found = HeightSystem(grid, weights / variances).solve(differences, u, **options)
+        return found, np.where(testable, (grid.step(found) - differences) ** 2 / variances, 0.0)
+
     for step in range(STEPS):
         report_progress("discontinuities", step / STEPS)
-        u = HeightSystem(grid, base * weights).solve(differences, u, most=SOLVES)
-        square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
-        weights = 1.0 / (1.0 + square)
-    assert u is not None
+        u, square = solved(1.0 / (1.0 + square), most=SOLVES)
     cut = square > OUTLIER**2
     for _ in range(3):
         cut = _in_lines(grid, cut)  # a single pair must show again that it is a jump, now that it is not left out
-        u = HeightSystem(grid, base * np.where(cut, TINY, 1.0)).solve(differences, u)
-        square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
+        u, square = solved(np.where(cut, TINY, 1.0))
         cut = _followed(grid, square > OUTLIER**2, square > BESIDE**2)
     return cut, u
 
 
-def seeds(levels: Sequence[PyramidLevel]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weights to begin with, across and down: low beside a large curl, of this level and of coarser ones."""
-    finest, *coarser = levels
-    square = finest.curl() ** 2
-    rows, columns = np.pad(square, ((1, 1), (0, 0))), np.pad(square, ((0, 0), (1, 1)))
-    across = 1.0 / (1.0 + np.maximum(rows[:-1], rows[1:]))
-    down = 1.0 / (1.0 + np.maximum(columns[:, :-1], columns[:, 1:]))
-    if coarser and min(coarser[0].inside.shape) > 1:
-        far_across, far_down = seeds(coarser)
-        across *= _spread(far_across, across.shape)
-        down *= _spread(far_down.T, down.T.shape).T
-    return across, down
+def _doubt(curls: Sequence[Float[np.ndarray, "g v"]]) -> Float[np.ndarray, "2 h w"]:
+    """Return 1 + curl^2 beside each pair, the larger of two, times the most doubt of coarser pairs that contain it."""
+    finest, *coarser = curls
+    doubt = 1.0 + np.maximum(*_beside(finest**2))
+    if coarser:
+        within = _doubt(coarser).repeat(2, axis=1).repeat(2, axis=2)
+        _, rows, columns = within.shape
+        for axis in (1, 0):  # along the pairs, every second one is in two of the coarser level
+            doubt[1 - axis, :rows, :columns] *= scipy.ndimage.maximum_filter1d(within[1 - axis], 2, axis)
+    return doubt
 
 
-def _spread(coarse: Float[np.ndarray, "h v"], shape: tuple[int, int]) -> Float[np.ndarray, "h2 v2"]:
-    """Return weights across for the finer level: the lowest of the coarse differences that a fine one is a part of."""
-    fine = np.ones(shape)
-    rows, pairs = 2 * coarse.shape[0], coarse.shape[1]
-    for k in range(3):
-        part = fine[:rows, k : k + 2 * pairs : 2]
-        np.minimum(part, np.repeat(coarse, 2, axis=0), out=part)
-    return fine
+def _beside(of: Num[np.ndarray, "g v"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is said of the four texels on one side of each pair and on the other; 0 beyond the border."""
+    padded = np.pad(of, 1)
+    return np.stack([padded[:-1, 1:], padded[1:, :-1]]), padded[1:, 1:]
+
+
+def touched(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, "h w"]:
+    """Return the texels of the pairs that are cut."""
+    near = np.zeros(grid.size, bool)
+    near[grid.start[cut]] = near[grid.end[cut]] = True
+    return image_of(grid.inside, near)
 
 
 def _in_lines(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
     """Return the cut pairs of which several touch."""
-    near = np.zeros(grid.size, bool)
-    near[grid.start[cut]] = near[grid.end[cut]] = True
-    of_pair = connected(grid.image(near), diagonally=True)[grid.inside][grid.start[cut]]
+    of_pair = connected(touched(grid, cut), diagonally=True)[grid.inside][grid.start[cut]]
     found = cut.copy()
     found[cut] = np.bincount(of_pair)[of_pair] >= MIN_PAIRS
     return found
@@ -114,16 +114,6 @@ def _followed(
 ) -> Bool[np.ndarray, " edges"]:
     """Return the cut pairs and the candidates that continue them."""
     for _ in range(MAX_FOLLOWED):
-        more = cut | (candidates & _beside(grid, cut))
-        if (more == cut).all():
-            break
-        cut = more
+        one, other = _beside(around(image_of(grid.pair, cut.astype(int)), 1))
+        cut = cut | (candidates & (one + other > 0)[grid.pair])
     return cut
-
-
-def _beside(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
-    """Return which pairs share four neighbouring texels with another pair that is cut."""
-    across, down = (image.astype(np.int8) for image in grid.images(cut))
-    around = across[:-1] + across[1:] + down[:, :-1] + down[:, 1:]
-    rows, columns = np.pad(around, ((1, 1), (0, 0))), np.pad(around, ((0, 0), (1, 1)))
-    return grid.edges(rows[:-1] + rows[1:] - 2 * across > 0, columns[:, :-1] + columns[:, 1:] - 2 * down > 0)

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from ...core.progress import ReportProgress
 from .differences import Differences
+from .regions import image_of
 from .system import HeightGrid, HeightSystem
 from .unknown import FilledNormals
 
@@ -23,8 +24,7 @@ SMOOTHING = 1.0  # texels: deviation of the window over which the draws' varianc
 
 def standard_errors(
     system: HeightSystem,
-    across: Differences,
-    down: Differences,
+    pairs: Differences,
     normals: FilledNormals,
     part: Int[np.ndarray, " texels"],
     shared: Float[np.ndarray, "modes edges"],
@@ -36,18 +36,15 @@ def standard_errors(
     degrees of freedom, so that 1.96 errors hold 95 %. That of what normals share is exact, as heights are linear in it.
     """
     grid, random = system.grid, np.random.default_rng(0)
-    share, crease = grid.edges(across.share, down.share)[:, None], grid.edges(across.crease, down.crease)
-    lever = np.concatenate([across.lever[grid.across], down.lever[grid.down]])
     total = np.zeros(grid.size)
     for draw in range(DRAWS):
         report_progress("errors", draw / (DRAWS + len(shared)))
-        noise = normals.noise(grid, random)
-        mean = share * noise[grid.start] + (1.0 - share) * noise[grid.end]
-        change = np.einsum("ei,ei->e", lever, mean) + crease * random.standard_normal(crease.size)
+        mean = grid.mean(normals.noise(grid, random), pairs.share)
+        change = np.einsum("ei,ei->e", pairs.lever, mean) + pairs.crease * random.standard_normal(len(mean))
         total += less_mean(system.solve(change), part) ** 2
     logarithm = np.log(np.maximum(total / DRAWS, 1e-300))
     weight = scipy.ndimage.gaussian_filter(grid.inside.astype(float), SMOOTHING)[grid.inside]
-    smooth = scipy.ndimage.gaussian_filter(grid.image(logarithm), SMOOTHING)[grid.inside] / weight
+    smooth = scipy.ndimage.gaussian_filter(image_of(grid.inside, logarithm), SMOOTHING)[grid.inside] / weight
     student = scipy.stats.t.ppf(0.975, DRAWS) / scipy.stats.norm.ppf(0.975)
     own = student**2 * np.exp(smooth + 1.0 / DRAWS)  # the mean logarithm of chi^2 is 1 / 24 low
     for i, mode in enumerate(shared):
@@ -57,16 +54,13 @@ def standard_errors(
 
 
 def shared_modes(
-    grid: HeightGrid, across: Differences, down: Differences, normals: FilledNormals, sigma: float
+    grid: HeightGrid, pairs: Differences, normals: FilledNormals, sigma: float
 ) -> Float[np.ndarray, "modes edges"]:
     """Return how each entry of M, of the deviation `sigma` (radians), changes the differences; no modes for 0."""
     if sigma == 0.0:
         return np.zeros((0, grid.start.size))
-    share = grid.edges(across.share, down.share)[:, None]
-    lever = np.concatenate([across.lever[grid.across], down.lever[grid.down]])
-    n = normals.normal[grid.inside]
-    mean = share * n[grid.start] + (1.0 - share) * n[grid.end]
-    return sigma * np.einsum("ei,ej->ije", lever, mean).reshape(9, -1)
+    mean = grid.mean(normals.normal[grid.inside], pairs.share)
+    return sigma * np.einsum("ei,ej->ije", pairs.lever, mean).reshape(9, -1)
 
 
 def unintegrable(system: HeightSystem, modes: Float[np.ndarray, "modes edges"]) -> Float[np.ndarray, " edges"]:

@@ -23,10 +23,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy.stats
 from jaxtyping import Bool, Float, Int
-from scipy.sparse.linalg import LinearOperator, cg
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import aslinearoperator, cg
 
 from ...core.thresholds import SLIGHT
 from ...inverse.forward.losses import HUBER
+from .regions import image_of
 
 HOLD = SLIGHT  # weight of the distances that the search begins with
 
@@ -49,18 +51,6 @@ class Facets(NamedTuple):
     cosine: Float[np.ndarray, " pixels"]
     """Of the normal with the line of sight."""
 
-    def off(self, n_s: Float[np.ndarray, "pixels 4"], tau: float) -> Float[np.ndarray, "pixels 3"]:
-        """Return the angles by which squares with these n . S miss their normals, and tau times their twists."""
-        first, second, third, fourth = n_s.T
-        found = [fourth - first, second - third, tau * np.sqrt(0.5) * (first + fourth - second - third)]
-        return np.stack(found, -1) * (np.sqrt(0.5) * self.cosine / self.size)[:, None]
-
-    def to_corners(self, off: Float[np.ndarray, "pixels 3"], tau: float) -> Float[np.ndarray, "pixels 4"]:
-        """Return the transpose of `off`."""
-        one, other, twist = (off * (np.sqrt(0.5) * self.cosine / self.size)[:, None]).T
-        twist = tau * np.sqrt(0.5) * twist
-        return np.stack([twist - one, other - twist, -other - twist, twist + one], -1)
-
 
 def refined(
     facets: Facets, inside: Bool[np.ndarray, "h w"], begun: Float[np.ndarray, " corners"]
@@ -72,27 +62,24 @@ def refined(
         inside: Which pixels have one.
         begun: Distances of the corners to begin with.
     """
-    tau, count = _tau(facets, inside), len(begun)
-
-    def gathered(of: Float[np.ndarray, "pixels 4"]) -> Float[np.ndarray, " corners"]:
-        return np.bincount(facets.of_pixel.ravel(), of.ravel(), count)
-
-    held = gathered(np.repeat((HOLD / facets.size[:, None]) ** 2, 4, 1))
-    stiffness = (0.5 + tau**2 / 4.0) * (facets.facing * (facets.cosine / facets.size)[:, None]) ** 2
-    d, square = begun, (count, count)
+    tau, pixels = _tau(facets, inside), len(facets.size)
+    of_corners = np.array([[-1.0, 0.0, 0.0, 1.0], [0.0, 1.0, -1.0, 0.0], [1.0, -1.0, -1.0, 1.0]]) * np.sqrt(0.5)
+    of_corners[2] *= tau * np.sqrt(0.5)
+    scale = (facets.cosine / facets.size)[:, None]
+    begins = np.arange(0, 12 * pixels + 1, 4)  # rows of four numbers: the diagonals and the twist of each pixel
+    columns, slope = np.repeat(facets.of_pixel, 3, 0).ravel(), (scale * facets.facing)[:, None] * of_corners
+    turned = csr_array((slope.ravel(), columns, begins), (3 * pixels, len(begun)))
+    held = np.bincount(facets.of_pixel.ravel(), np.repeat((HOLD / facets.size) ** 2, 4))
+    d, start = begun, (scale * facets.ahead @ of_corners.T).ravel()
     for _ in range(STEPS):
-        off = facets.off(facets.ahead - facets.facing * d[facets.of_pixel], tau)
-        length = np.linalg.norm(off, axis=-1)
+        off = start - turned @ d
+        length = np.linalg.norm(off.reshape(-1, 3), axis=-1)
         enough = HUBER * float(np.median(length) / scipy.stats.rayleigh.median())
-        weight = enough / np.maximum(length, max(enough, np.finfo(float).tiny))
-
-        def matrix(x: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
-            moved = facets.off(facets.facing * x[facets.of_pixel], tau)
-            return gathered(facets.facing * facets.to_corners(weight[:, None] * moved, tau)) + held * x
-
-        diagonal = gathered(weight[:, None] * stiffness) + held
-        b = gathered(facets.facing * facets.to_corners(weight[:, None] * off, tau)) + held * (begun - d)
-        system, preconditioner = LinearOperator(square, matrix), LinearOperator(square, lambda r, of=diagonal: r / of)
+        weight = np.repeat(enough / np.maximum(length, max(enough, np.finfo(float).tiny)), 3)
+        weighted, holding = (aslinearoperator(diags_array(of)) for of in (weight, held))
+        system = aslinearoperator(turned.T) @ weighted @ aslinearoperator(turned) + holding
+        preconditioner = diags_array(1.0 / ((turned**2).T @ weight + held))
+        b = turned.T @ (weight * off) + held * (begun - d)
         d = d + cg(system, b, M=preconditioner, maxiter=SOLVES)[0]
     return d
 
@@ -104,9 +91,9 @@ def _tau(facets: Facets, inside: Bool[np.ndarray, "h w"]) -> float:
     """
     planes = facets.ahead / np.maximum(facets.facing, np.finfo(np.float32).eps)  # where each plane meets the four rays
     first, second, third, fourth = planes.T
-    across, down, scale = (np.full(inside.shape, np.nan) for _ in range(3))
-    across[inside], down[inside] = (second + fourth - first - third) / 2.0, (third + fourth - first - second) / 2.0
-    scale[inside] = facets.cosine**2 / facets.size  # from slopes to angles
+    slopes = (second + fourth - first - third) / 2.0, (third + fourth - first - second) / 2.0
+    to_angles = facets.cosine**2 / facets.size
+    across, down, scale = (image_of(inside, of, np.nan) for of in (*slopes, to_angles))
     downwards = scale[1:-1, 1:-1] * (across[2:, 1:-1] - across[:-2, 1:-1]) / 2.0
     sideways = scale[1:-1, 1:-1] * (down[1:-1, 2:] - down[1:-1, :-2]) / 2.0
     known = np.isfinite(downwards + sideways)

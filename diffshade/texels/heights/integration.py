@@ -15,13 +15,13 @@ from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
 from ...parallel.threads import ONE_BLAS_THREAD
 from .checks import MAX_ERROR, Given, checked
-from .curl import PyramidLevel, levels, noise_scale, with_shared
+from .curl import curls, noise_scale
 from .differences import differences
 from .discontinuities import MIN_CURL, contradict, discontinuities
 from .errors import less_mean, shared_modes, standard_errors, unintegrable
 from .map import HeightMap
 from .parts import cut_weak_joints, labels
-from .regions import connected
+from .regions import connected, image_of
 from .system import HeightGrid, HeightSystem
 from .unknown import FilledNormals, fill
 
@@ -83,7 +83,7 @@ def integrate_normals(
     """
     given = checked(normals, camera, mask, errors, shared_error)
     with showing("heights", show=progress) as report_progress, ONE_BLAS_THREAD:
-        return _integrated(given, camera, report_progress)
+        return _integrated(given, report_progress)
 
 
 def heights_within(
@@ -100,27 +100,26 @@ def heights_within(
 
     given = checked(normals, camera, mask, errors, None)
     with ONE_BLAS_THREAD:
-        return _integrated(given, camera, report_heights)
+        return _integrated(given, report_heights)
 
 
-def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportProgress) -> HeightMap:
+def _integrated(given: Given, report_progress: ReportProgress) -> HeightMap:
     """Integrate normals that have been checked."""
     check_extra("photographs", "cannot integrate normals", "pyamg")
-    inside = given.inside & _reached(given.inside, given.known)
     report_progress("differences")
-    filled, scale, shared = _with_errors(given, inside)
-    across, down = differences(filled.normal, filled.sigma, inside, given.rays, filled.region > 0)
-    grid = HeightGrid.of(inside)
-    modes = shared_modes(grid, across, down, filled, shared)
-    pyramid = with_shared(levels(PyramidLevel.of(inside, across, down, MIN_CURL)), map(grid.images, modes))
-    d, variance = grid.edges(across.value, down.value), grid.edges(across.deviation, down.deviation) ** 2
-    broken = ~np.isfinite(variance)  # so steep that one of the two rays would see the back
-    variance = np.where(broken, 1e300, variance)
+    region = connected(given.inside)
+    grid = HeightGrid.of(np.isin(region, region[given.known]))
+    filled, scale, shared = _with_errors(given, grid.inside)
+    pairs = differences(filled.normal, filled.sigma, grid, given.rays, filled.region > 0)
+    modes = shared_modes(grid, pairs, filled, shared)
+    broken = np.isinf(pairs.deviation)  # so steep that one of the two rays would see the back
+    d, variance = pairs.value, np.where(broken, 1e300, pairs.deviation**2)
     jump = cut = np.zeros(d.shape, bool)
-    u = None
-    if contradict(pyramid):
+    u, shown = None, pairs.shown(MIN_CURL)
+    levels = curls(grid, d, shown, modes)
+    if contradict(levels):
         with_modes = variance + unintegrable(HeightSystem(grid, 1.0 / variance), modes)
-        jump, u = discontinuities(grid, pyramid, d, with_modes, report_progress)
+        jump, u = discontinuities(grid, levels, d, with_modes, np.isfinite(shown), report_progress)
         report_progress("parts")
         cut = cut_weak_joints(grid, jump | broken, d, np.sqrt(with_modes), u)
     report_progress("heights")
@@ -128,18 +127,26 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     part = labels(grid, cut)
     system = HeightSystem(grid, np.where(cut, TINY, 1.0) / variance)
     u = less_mean(system.solve(d, u, tolerance=SLIGHT), part)
-    deviation = standard_errors(system, across, down, filled, part, modes, report_progress)
+    deviation = standard_errors(system, pairs, filled, part, modes, report_progress)
     deviation = np.where(np.bincount(part)[part] < FEW, np.inf, deviation)
-    notes = _notes(given, grid, part, jump, scale, shared)
-    return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, notes)
-
-
-def _reached(inside: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Return the connected regions of a mask in which a normal is known."""
-    region = connected(inside)
-    reached = np.zeros(int(region.max()) + 1, bool)
-    reached[np.unique(region[known])] = True
-    return reached[region]
+    if given.rays.parallel:
+        height, error = u, deviation
+    else:
+        depth = given.rays.distance * np.exp(-u)
+        height, error = given.rays.distance - depth, depth * deviation
+    right, below = image_of(grid.pair, cut)
+    without = np.where(given.inside & ~grid.inside, np.inf, 0.0)  # a part of the mask without a normal
+    notes = (*_on_parts(given, part, jump), *_on_errors(given, scale, shared), *_on_unknown_normals(given, grid))
+    return HeightMap(
+        height=image_of(grid.inside, height),
+        errors=np.where(grid.inside, image_of(grid.inside, error), without),
+        part=image_of(grid.inside, part.astype(np.int32), -1),
+        jump_right=right,
+        jump_below=below,
+        normal=np.where(grid.inside[..., None], filled.normal, 0.0),
+        camera=given.camera,
+        notes=notes,
+    )
 
 
 def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledNormals, float, float]:
@@ -149,10 +156,11 @@ def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledN
     errors is taken to be shared by all normals.
     """
     known = given.known & inside
+    grid = HeightGrid.of(known)
     sigma = np.full(inside.shape, FIRST_SIGMA) if given.sigma is None else np.where(known, given.sigma, 1.0)
     factor, shared = 1.0, given.shared
     for _ in range(ROUNDS):  # what counts as steep depends on the errors
-        change = _scale(given, factor * sigma, known)
+        change = noise_scale(grid, differences(given.normal, factor * sigma, grid, given.rays))
         if factor == 1.0 and given.sigma is not None and change <= MAX_RATIO:
             if shared > 0.0 and change < 1.0 / MAX_RATIO:
                 shared = max(shared, float(np.median(sigma[known])) * np.sqrt(1.0 - change**2))
@@ -164,26 +172,15 @@ def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledN
     return filled, factor * FIRST_SIGMA if given.sigma is None else factor, shared
 
 
-def _scale(given: Given, sigma: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> float:
-    """Return how much larger the curl is than these errors say."""
-    return noise_scale(known, *differences(given.normal, sigma, known, given.rays))
-
-
-def _notes(
-    given: Given, grid: HeightGrid, part: np.ndarray, jump: np.ndarray, scale: float, shared: float
-) -> tuple[Note, ...]:
-    """Return what is to be said about the heights."""
-    return (*_on_parts(given, part, jump), *_on_errors(given, scale, shared), *_on_unknown_normals(given, grid))
-
-
 def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note]:
     """Say which texels hang together, and where the height jumps."""
     sizes = np.bincount(part)
     large = sizes[sizes >= FEW]
     what = "heights" if given.rays.parallel else "scales"
     if len(large) > 1:
+        named = ", ".join(f"{size:,}" for size in large[:3]) + ", ..." * (len(large) > 3)
         yield Note(
-            f"the relative {what} of {count(len(large), 'part')}, of {_sizes(large)} texels, are not determined: "
+            f"the relative {what} of {count(len(large), 'part')}, of {named} texels, are not determined: "
             "no normals join them, or too few do beside a jump. Each has a mean of its own.",
             "parts",
         )
@@ -238,41 +235,3 @@ def _on_unknown_normals(given: Given, grid: HeightGrid) -> Iterator[Note]:
             f"{count(lost, 'texel')} have no height: they are in parts of the mask without a known normal.",
             "without normals",
         )
-
-
-def _sizes(sizes: np.ndarray) -> str:
-    """Return the sizes of the largest parts in words."""
-    words = [f"{size:,}" for size in sizes[:3]]
-    return ", ".join(words) + (", ..." if len(sizes) > 3 else "")
-
-
-def _as_map(
-    given: Given,
-    camera: AbstractCamera,
-    grid: HeightGrid,
-    normals: Float[np.ndarray, "h w 3"],
-    u: Float[np.ndarray, " texels"],
-    deviation: Float[np.ndarray, " texels"],
-    part: np.ndarray,
-    cut: Bool[np.ndarray, " edges"],
-    notes: tuple[Note, ...],
-) -> HeightMap:
-    """Return the solution as heights above the plane through the camera's target."""
-    if given.rays.parallel:
-        height, error = u, deviation
-    else:
-        depth = given.rays.distance * np.exp(-u)
-        height, error = given.rays.distance - depth, depth * deviation
-    across, down = grid.images(cut)
-    known = np.where(given.inside & (grid.number < 0), np.inf, 0.0)  # a part of the mask without a normal
-    errors = np.where(grid.number >= 0, grid.image(error), known)
-    return HeightMap(
-        height=grid.image(height),
-        errors=errors,
-        part=grid.image(part.astype(np.int32), -1),
-        jump_right=np.pad(across, ((0, 0), (0, 1))),
-        jump_below=np.pad(down, ((0, 1), (0, 0))),
-        normal=np.where(grid.inside[..., None], normals, 0.0),
-        camera=camera,
-        notes=notes,
-    )

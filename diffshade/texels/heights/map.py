@@ -16,7 +16,7 @@ from ...io.images import write_image
 from ...model.cameras import AbstractCamera
 from ...model.gbuffers import GBuffer
 from ..map_files import map_folder, write_about, write_numbers
-from .differences import distance_to_target, rays_of
+from .differences import rays_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class HeightMap:
     @property
     def depth(self) -> Float[np.ndarray, "h w"]:
         """Distance of each point from the eye along the line of sight, scene units; 0 outside."""
-        return np.where(self.mask, distance_to_target(self.camera) - self.height, 0.0)
+        return np.where(self.mask, rays_of(self.camera).distance - self.height, 0.0)
 
     @property
     def position(self) -> Float[np.ndarray, "h w 3"]:

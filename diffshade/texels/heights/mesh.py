@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from ...core.backend import in_float64
 from ...core.fields import check_kind
 from ...io.triangles import Triangles, first_hits, simplified
 from ...model.cameras import AbstractCamera, camera_axes
 from .corners import corners_of
-from .differences import rays_of
+from .differences import affine_rays, rays_of
 from .map import HeightMap
-from .regions import connected
+from .regions import connected, nearest
 
 MIN_TRIANGLES, TRIALS = 16, 7  # triangles that are left; numbers of triangles that are tried
 
@@ -102,11 +101,13 @@ def height_mesh(heights: HeightMap, *, tolerance: float | None = None, watertigh
     middle = found.position[found.of_pixel[:, 1:3]].mean(1)  # of each pixel, where its two triangles meet
     mesh, largest = (whole, 0.0) if tolerance is None else _fewest(whole, middle, heights, float(tolerance))
     place, normal = pixels_of(mesh.corner, heights.camera), mesh.normals
-    shape, errors = np.asarray(heights.camera.shape), found.errors[kept]
+    shape, errors = np.asarray(heights.camera.shape[::-1]), found.errors[kept]
     if mesh is not whole:
         row, column = np.clip(place.astype(int), 0, shape - 1).T
-        errors = np.where(normal @ camera_axes(heights.camera)[2] > 0.0, _spread(heights)[row, column], np.inf)
-    return HeightMesh(mesh.corner, mesh.face, normal, place[:, ::-1] / shape[::-1], errors, heights.camera, largest)
+        errors = np.where(
+            normal @ camera_axes(heights.camera)[2] > 0.0, heights.errors[nearest(heights.mask)][row, column], np.inf
+        )
+    return HeightMesh(mesh.corner, mesh.face, normal, place / shape, errors, heights.camera, largest)
 
 
 def _without_specks(heights: HeightMap) -> HeightMap:
@@ -144,30 +145,16 @@ def _distance(mesh: Triangles, middle: Float[np.ndarray, "pixels 3"], heights: H
     """
     from scipy.spatial import KDTree
 
-    start = np.broadcast_to(rays_of(heights.camera).start, heights.normal.shape)[heights.mask]
+    start = rays_of(heights.camera).start[heights.mask]
     hits = first_hits(mesh, start, middle - start)
     across = ((hits.point - middle[hits.ray]) * heights.normal[heights.mask][hits.ray]).sum(-1)
     nearest = KDTree(mesh.corner).query(np.delete(middle, hits.ray, 0))[0]
     return float(max(np.abs(across).max(initial=0.0), nearest.max(initial=0.0)))
 
 
-def _spread(heights: HeightMap) -> Float[np.ndarray, "h w"]:
-    """Return the errors, with those of the nearest pixel inside where there is no height."""
-    from scipy.ndimage import distance_transform_edt
-
-    outside: Bool[np.ndarray, "h w"] = ~heights.mask
-    nearest = distance_transform_edt(outside, return_distances=False, return_indices=True)
-    return heights.errors[tuple(np.asarray(nearest))]
-
-
 def pixels_of(points: Float[np.ndarray, "n 3"], camera: AbstractCamera) -> Float[np.ndarray, "n 2"]:
-    """Return row and column of points in the image of a camera, pixel centres at +.5."""
-    with in_float64(camera) as seen_by:
-        p = seen_by.projection()
-        o, o_c, o_r, d, d_c, d_r = (
-            np.array([float(v.x), float(v.y), float(v.z)])
-            for v in (p.origin, p.origin_column, p.origin_row, p.direction, p.direction_column, p.direction_row)
-        )
-    across = np.stack([o_r + d_r, o_c + d_c, d], -1)  # one of origin and direction depends on the pixel
-    found = np.linalg.solve(across, (points - o).T).T
-    return found[:, :2] / found[:, 2:] if d_c.any() or d_r.any() else found[:, :2]
+    """Return column and row of points in the image of a camera, pixel centres at +.5."""
+    origin, direction = affine_rays(camera)
+    across = np.stack([*(origin + direction)[:2], direction[2]])  # one of the two depends on the pixel
+    found = (points - origin[2]) @ np.linalg.inv(across)
+    return found[:, :2] / found[:, 2:] if direction[:2].any() else found[:, :2]

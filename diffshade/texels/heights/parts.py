@@ -9,13 +9,13 @@ than to any other.
 from __future__ import annotations
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import coo_array
 
 from ...core.thresholds import FAR_MORE, TINY
-from .discontinuities import MIN_PAIRS, OUTLIER
-from .regions import connected, spread, widened
+from .discontinuities import MIN_PAIRS, OUTLIER, touched
+from .regions import connected, joined, nearest
 from .system import HeightGrid, HeightSystem
 
 REACHES = (1, 2, 4, 8)  # texels: gaps of up to twice as many, between cuts or a cut and the border, are looked at
@@ -24,12 +24,9 @@ MIN_TEXELS = 50  # texels of a piece; the texels of smaller ones belong to the n
 
 def labels(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " texels"]:
     """Return the part of each texel, joined by the pairs that are not cut; 0 is the largest part."""
-    start, end = grid.start[~cut], grid.end[~cut]
-    joined = coo_matrix((np.ones(start.size, bool), (start, end)), (grid.size, grid.size))
-    count, label = connected_components(joined, directed=False)
-    rank = np.empty(count, np.int32)
-    rank[np.argsort(-np.bincount(label), kind="stable")] = np.arange(count)
-    return rank[label]
+    label = joined(grid.size, grid.start[~cut], grid.end[~cut])
+    order = np.argsort(-np.bincount(label), kind="stable")
+    return np.argsort(order)[label]
 
 
 def cut_weak_joints(
@@ -86,42 +83,25 @@ def _with_strips_joined(
     new = seam[~cut[seam]]
     for _ in range(2):
         label = labels(grid, found)
-        small = np.bincount(label)[label] < MIN_TEXELS
-        one, other = grid.start[new], grid.end[new]
-        for here, there in ((one, other), (other, one)):
-            strip = new[small[here] & ~small[there]]
-            found[strip[_of_most(label[here], label[there], small[here] & ~small[there])]] = False
+        small = np.bincount(label) < MIN_TEXELS
+        one, other = label[grid.start[new]], label[grid.end[new]]
+        for strip, side in ((one, other), (other, one)):
+            between = small[strip] & ~small[side]
+            pairs = coo_array((between.astype(int), (strip, side)), (len(small), len(small)))
+            most = np.asarray(pairs.tocsr().argmax(1))  # the side to which each strip has most pairs
+            found[new[between & (most[strip] == side)]] = False
     return found
-
-
-def _of_most(
-    strip: Int[np.ndarray, " pairs"], side: Int[np.ndarray, " pairs"], counts: Bool[np.ndarray, " pairs"]
-) -> Bool[np.ndarray, " counted"]:
-    """Return, of the pairs that count, those between each strip and the side to which it has most pairs."""
-    strip, side = strip[counts], side[counts]
-    key, inverse, number = np.unique(np.stack([strip, side]), axis=1, return_inverse=True, return_counts=True)
-    best = {}
-    for k in np.argsort(number, kind="stable"):
-        best[key[0, k]] = k
-    return np.array([best[s] == k for s, k in zip(strip, inverse.ravel(), strict=True)], bool)
 
 
 def _pieces(grid: HeightGrid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
     """Return connected pieces of the image without what is near a cut; what is near belongs to the nearest piece."""
-    near = np.zeros(grid.size, bool)
-    near[grid.start[cut]] = near[grid.end[cut]] = True
-    close = grid.image(near)
-    group = connected(close, diagonally=True)
-    close &= (np.bincount(group.ravel()) >= MIN_PAIRS)[group]
-    if reach > 1:
-        close = widened(close, reach)
-    piece = connected(grid.inside & ~close)
+    away = np.asarray(scipy.ndimage.distance_transform_cdt(~touched(grid, cut), "chessboard"))
+    piece = connected(grid.inside & (away >= reach))
     large = np.bincount(piece.ravel()) >= MIN_TEXELS
     large[0] = False
     if not large.any():
         return np.zeros(grid.size, np.int32)
-    piece *= large[piece]
-    return spread(piece)[grid.inside]
+    return piece[nearest(large[piece])][grid.inside]
 
 
 def _determined(jump: Float[np.ndarray, " pairs"], deviation: Float[np.ndarray, " pairs"]) -> bool:

@@ -1,4 +1,4 @@
-"""Regions of a mask: connected ones, and which texel of them is nearest."""
+"""Regions of a mask: connected ones, which texel of them is nearest, and numbers of theirs as an image."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import scipy.ndimage
-from jaxtyping import Bool, Float, Int
+import scipy.sparse
+from jaxtyping import Bool, Int, Shaped
 
 
 def connected(mask: Bool[np.ndarray, "h w"], *, diagonally: bool = False) -> Int[np.ndarray, "h w"]:
@@ -15,19 +16,25 @@ def connected(mask: Bool[np.ndarray, "h w"], *, diagonally: bool = False) -> Int
     return found[0]
 
 
-def distance(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Return each texel's distance to the nearest one of a mask, in texels."""
-    found: Any = scipy.ndimage.distance_transform_edt(~mask)
+def joined(count: int, one: Int[np.ndarray, "..."], other: Int[np.ndarray, "..."]) -> Int[np.ndarray, " count"]:
+    """Return the group of each of so many things, of which these are joined."""
+    pairs = scipy.sparse.coo_array((np.ones(one.size, bool), (one.ravel(), other.ravel())), (count, count))
+    return scipy.sparse.csgraph.connected_components(pairs, directed=False)[1]
+
+
+def nearest(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, "h w"], ...]:
+    """Return row and column of the texel of a mask that is nearest to each texel."""
+    place: Any = scipy.ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return tuple(place)
+
+
+def image_of(where: Bool[np.ndarray, "..."], values: np.ndarray, outside: float = 0) -> np.ndarray:
+    """Return an image with these values in a mask, in the order of the image, and with one outside."""
+    found = np.full((*where.shape, *values.shape[1:]), outside, values.dtype)
+    found[where] = values
     return found
 
 
-def widened(mask: Bool[np.ndarray, "h w"], reach: int) -> Bool[np.ndarray, "h w"]:
-    """Return the texels less than `reach` rows and columns from a mask's."""
-    found: Any = scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
-    return found < reach
-
-
-def spread(labels: Int[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
-    """Return labels everywhere: those of the nearest texel that has one, where it is 0."""
-    place: Any = scipy.ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
-    return labels[tuple(place)]
+def following(image: Shaped[np.ndarray, "h w"]) -> Shaped[np.ndarray, "2 h w"]:
+    """Return the next texels' values, to the right and below; 0 beyond the border."""
+    return np.stack([np.pad(image[:, 1:], ((0, 0), (0, 1))), np.pad(image[1:], ((0, 1), (0, 0)))])

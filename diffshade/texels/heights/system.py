@@ -8,7 +8,6 @@ The weights are 1 over variances, so that the sum is in units of the noise: what
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,70 +15,65 @@ import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ...core.thresholds import TINY
+from .regions import following
 
 
 class HeightGrid(NamedTuple):
     """The texels of a mask in the order of the image, and the pairs of neighbours among them."""
 
     inside: Bool[np.ndarray, "h w"]
-    number: Int[np.ndarray, "h w"]
-    """Number of each texel; -1 outside."""
+    pair: Bool[np.ndarray, "2 h w"]
+    """Where a pair begins: across, and down."""
     start: Int[np.ndarray, " edges"]
     end: Int[np.ndarray, " edges"]
     """The texels of each pair, all pairs across before all pairs down."""
-    across: Bool[np.ndarray, "h v"]
-    down: Bool[np.ndarray, "g w"]
-    """Where a pair begins."""
 
     @classmethod
     def of(cls, inside: Bool[np.ndarray, "h w"]) -> HeightGrid:
         """Return the grid of a mask."""
-        number = np.full(inside.shape, -1, np.int32)
-        number[inside] = np.arange(inside.sum(), dtype=np.int32)
-        across, down = inside[:, :-1] & inside[:, 1:], inside[:-1] & inside[1:]
-        start = np.concatenate([number[:, :-1][across], number[:-1][down]])
-        end = np.concatenate([number[:, 1:][across], number[1:][down]])
-        return cls(inside, number, start, end, across, down)
+        number = np.cumsum(inside, dtype=np.int32).reshape(inside.shape) - 1
+        pair = inside & following(inside)
+        return cls(inside, pair, np.broadcast_to(number, pair.shape)[pair], following(number)[pair])
 
     @property
     def size(self) -> int:
         """Number of texels."""
-        return int(self.number.max()) + 1
-
-    def edges(self, across: np.ndarray, down: np.ndarray) -> np.ndarray:
-        """Return numbers of pairs, given as arrays of the image's shape, as one row."""
-        return np.concatenate([across[self.across], down[self.down]])
-
-    def images(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers of pairs as arrays of the image's shape, across and down; 0 where there is no pair."""
-        count = int(self.across.sum())
-        across, down = (np.zeros(pairs.shape, edges.dtype) for pairs in (self.across, self.down))
-        across[self.across], down[self.down] = edges[:count], edges[count:]
-        return across, down
-
-    def image(self, texels: np.ndarray, outside: int = 0) -> np.ndarray:
-        """Return numbers of texels as an array of the image's shape."""
-        found = np.full(self.inside.shape, outside, texels.dtype)
-        found[self.inside] = texels
-        return found
+        return int(np.count_nonzero(self.inside))
 
     def step(self, u: Float[np.ndarray, " texels"]) -> Float[np.ndarray, " edges"]:
         """Return the difference of each pair."""
         return u[self.end] - u[self.start]
 
-    def gather(self, edges: Float[np.ndarray, " edges"]) -> Float[np.ndarray, " texels"]:
-        """Return what flows into each texel: the transpose of `step`."""
-        into = np.bincount(self.end, edges, self.size) - np.bincount(self.start, edges, self.size)
-        return into.astype(float)  # NumPy counts in whole numbers where there are no pairs
+    def mean(
+        self, of: Float[np.ndarray, "texels 3"], share: Float[np.ndarray, " edges"]
+    ) -> Float[np.ndarray, "edges 3"]:
+        """Return the mean of each pair, to which its first texel has this share."""
+        return share[:, None] * of[self.start] + (1.0 - share)[:, None] * of[self.end]
+
+    def laplacian(self, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_array:
+        """Return the weighted Laplacian, made regular."""
+        graph = scipy.sparse.coo_array((weights, (self.start, self.end)), (self.size, self.size))
+        matrix = scipy.sparse.csgraph.laplacian(graph, symmetrized=True)
+        diagonal = matrix.diagonal()
+        return (matrix + scipy.sparse.diags_array(np.where(diagonal > 0, TINY * diagonal, 1.0))).tocsr()
 
 
 class HeightSystem:
-    """The matrix of a grid's weighted differences, and its multigrid hierarchy."""
+    """The matrix of a grid's weighted differences, and one V-cycle of classical multigrid (Ruge and Stuben 1987)."""
 
     def __init__(self, grid: HeightGrid, weights: Float[np.ndarray, " edges"]):
-        self.grid, self.weights = grid, weights
-        self.matrix = laplacian(grid, weights)
-        self._cycle = _multigrid(self.matrix)
+        import pyamg
+
+        self.grid, self.weights, self.matrix = grid, weights, grid.laplacian(weights)
+        before, after = [("gauss_seidel", {"sweep": way}) for way in ("forward", "backward")]  # symmetric together
+        self._cycle = pyamg.ruge_stuben_solver(
+            self.matrix,
+            interpolation="direct",
+            presmoother=before,
+            postsmoother=after,
+            max_coarse=200,
+            coarse_solver="splu",
+        ).aspreconditioner(cycle="V")
 
     def solve(
         self,
@@ -98,46 +92,9 @@ class HeightSystem:
                 than this many standard deviations, as the preconditioner estimates.
             most: Most steps.
         """
-        b = self.grid.gather(self.weights * differences)
-        x = np.zeros_like(b) if start is None else start.copy()
-        r = b - self.matrix @ x
-        z = self._cycle(r)
-        p, energy = z, float(r @ z)
-        for _ in range(most):
-            if energy <= tolerance**2:
-                break
-            q = self.matrix @ p
-            step = energy / float(p @ q)
-            x += step * p
-            r -= step * q
-            z = self._cycle(r)
-            last, energy = energy, float(r @ z)
-            p = z + (energy / last) * p
-        return x
+        from pyamg.krylov import cg
 
-
-def laplacian(grid: HeightGrid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_array:
-    """Return the weighted Laplacian of a grid, made regular."""
-    size = grid.size
-    diagonal = np.bincount(grid.start, weights, size) + np.bincount(grid.end, weights, size)
-    own = np.arange(size, dtype=np.int32)
-    rows = np.concatenate([grid.start, grid.end, own])
-    columns = np.concatenate([grid.end, grid.start, own])
-    values = np.concatenate([-weights, -weights, np.where(diagonal > 0, diagonal * (1.0 + TINY), 1.0)])
-    return scipy.sparse.coo_array((values, (rows, columns)), (size, size)).tocsr()
-
-
-def _multigrid(matrix: scipy.sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
-    """Return one V-cycle of classical algebraic multigrid (Ruge and Stuben 1987)."""
-    import pyamg
-
-    before, after = [("gauss_seidel", {"sweep": way}) for way in ("forward", "backward")]  # symmetric together
-    levels = pyamg.ruge_stuben_solver(
-        matrix,
-        interpolation="direct",
-        presmoother=before,
-        postsmoother=after,
-        max_coarse=200,
-        coarse_solver="splu",
-    )
-    return levels.aspreconditioner(cycle="V").matvec
+        flow = self.weights * differences
+        b = np.bincount(self.grid.end, flow, self.grid.size) - np.bincount(self.grid.start, flow, self.grid.size)
+        found, _ = cg(self.matrix, b, start, tolerance, "rMr", maxiter=most, M=self._cycle)
+        return found

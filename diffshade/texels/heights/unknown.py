@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 
-from .regions import connected, distance
-from .system import HeightGrid, laplacian
+from .regions import connected
+from .system import HeightGrid
 
 MAX_SIGMA = 1.0  # radians: the error of a normal of which nothing is known
 
@@ -55,13 +56,13 @@ def fill(
 
     grid = HeightGrid.of(inside)
     free = ~known[inside]
-    matrix = laplacian(grid, np.ones(grid.start.size))[free]
+    matrix = grid.laplacian(np.ones(grid.start.size))[free]
     rest = -matrix[:, ~free] @ normals[inside][~free]
     hierarchy = pyamg.ruge_stuben_solver(matrix[:, free].tocsr(), max_coarse=200, coarse_solver="splu")
     found = np.stack([np.asarray(hierarchy.solve(b, tol=1e-6, accel="cg")) for b in rest.T], -1)
     normals, sigma = normals.copy(), sigma.copy()
     normals[inside & ~known] = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
-    away = distance(known)[inside & ~known]
+    away = np.asarray(scipy.ndimage.distance_transform_edt(~known))[inside & ~known]
     least = float(np.median(sigma[known]))
     sigma[inside & ~known] = np.clip(_turning(normals, sigma, known) * away, least, MAX_SIGMA)
     return FilledNormals(normals, sigma, region)
@@ -71,10 +72,6 @@ def _turning(
     normals: Float[np.ndarray, "h w 3"], sigma: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]
 ) -> float:
     """Return the root mean square change of the known normals from texel to texel, radians, without their noise."""
-    total, count = 0.0, 0
-    for axis in (0, 1):
-        n, s, k = (np.moveaxis(of, axis, 0) for of in (normals, sigma, known))
-        pair = k[1:] & k[:-1]
-        change = np.sum((n[1:] - n[:-1]) ** 2, -1) - 2.0 * (s[1:] ** 2 + s[:-1] ** 2)
-        total, count = total + change[pair].sum(), count + int(pair.sum())
-    return float(np.sqrt(max(total, 0.0) / max(count, 1)))
+    grid, variance = HeightGrid.of(known), sigma[known] ** 2
+    change = np.sum(grid.step(normals[known]) ** 2, -1) - 2.0 * (variance[grid.start] + variance[grid.end])
+    return float(np.sqrt(max(change.sum(), 0.0) / max(change.size, 1)))
