@@ -87,7 +87,7 @@ def sums(
         return (products, right, squares + jnp.sum(w * r * r, 0)), None
 
     channels = problem.observed.channels
-    equal_channels = problem.setup.grey_lights and problem.homoscedastic
+    equal_channels = problem.setup.grey_lights and problem.options.homoscedastic
     all_channels = jnp.zeros((channels, *x.shape))
     of_features = jnp.zeros((1 if equal_channels else channels, *x.shape))
     ambient = [name == "k_a" for name in problem.known.fitted] + [False] * (size - linear)

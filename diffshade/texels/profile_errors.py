@@ -22,7 +22,6 @@ from ..core.fields import Array
 from ..core.robust_scale import OUTLIER
 from ..core.thresholds import SINGLE, SLIGHT, SMALL
 from ..model.vectors import Vec3, dot
-from .blocks import TexelBlock
 from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, MAX_TILT, moved, tilted
 from .linear_systems import solve
 from .minima import TexelMinima
@@ -39,10 +38,10 @@ MAX_K_S_CHANGE = 1.0 / SMALL  # largest change of k_s that counts, over the brig
 
 
 def profile_errors(
-    minimum: TexelMinima, other: TexelMinima | None, block: TexelBlock, values: Numbers, errors: Numbers
+    minimum: TexelMinima, other: TexelMinima | None, values: Numbers, errors: Numbers
 ) -> dict[str, Array]:
     """Return the errors, enlarged to hold along the valley of each texel and, if given, at its `other` minimum."""
-    limit = MAX_K_S_CHANGE * block.brightest[None]
+    limit = MAX_K_S_CHANGE * minimum.problem.block.brightest[None]
     ways = _ways(minimum)
     step, fixed = (jnp.stack([jnp.stack(way) for way in each]) for each in zip(*ways, strict=True))
     both_sides = jnp.concatenate([step, -step]), jnp.concatenate([fixed, fixed])
