@@ -68,10 +68,6 @@ class Candidates(NamedTuple):
         """Where the texel is fitted with a highlight."""
         return self.significant & self.plausible
 
-    def chosen(self, full: Array, plain: Array) -> Array:
-        """Return for each texel what belongs to its minimum."""
-        return jnp.where(self.glossy, full, plain)
-
 
 @partial(jax.jit, static_argnames="options")
 def estimate(
@@ -121,19 +117,18 @@ def _estimates(candidates: Candidates, typical: TypicalResidual) -> Estimates:
     numbers = named_numbers(full)
     highlight = candidates.glossy & highlight_is_determined(full, numbers)
     values, errors, determined = _chosen_numbers(candidates, numbers)
-    freedom = candidates.chosen(full.freedom, plain.freedom)
-    variance, level = candidates.chosen(full.residual_variance, plain.residual_variance), full.level
-    misfit = ~typical.accounts_for(variance, level, freedom)
-    lit, clear = candidates.chosen(full.lit, plain.lit), candidates.chosen(full.clear, plain.clear)
+    of_full, of_plain = (
+        (m.freedom, m.residual_variance, m.lit, m.clear, m.descent.converged, m.mean_square) for m in (full, plain)
+    )
+    freedom, variance, lit, clear, converged, mean_square = choose(candidates.glossy, of_full, of_plain)
+    misfit = ~typical.accounts_for(variance, full.level, freedom)
     shadowed = (freedom <= 0) | (clear < MIN_LIT_WITH_NORMAL if full.problem.fit_normal else lit < 1)
     finite = all_finite(values)
-    converged = candidates.chosen(full.descent.converged, plain.descent.converged)
     vague = candidates.significant & ~highlight
     status = status_of(highlight, vague | misfit | ~determined, shadowed, ~converged | ~finite)
     values, errors = _shown(values, errors, status == DETERMINED, finite, shadowed)
-    residual = jnp.sqrt(candidates.chosen(full.mean_square, plain.mean_square))
-    ended = plain.descent.converged & full.descent.converged
-    return Estimates(values, errors, jnp.where(finite, residual, 0.0), status, ended, variance, level)
+    residual, ended = jnp.where(finite, jnp.sqrt(mean_square), 0.0), plain.descent.converged & full.descent.converged
+    return Estimates(values, errors, residual, status, ended, variance, full.level)
 
 
 def _chosen_numbers(
@@ -156,7 +151,7 @@ def _chosen_numbers(
     unknown = {name: jnp.full_like(zero, jnp.inf) for name, zero in none.items()}
     values = choose(candidates.glossy, values, matte.values | none)
     errors = choose(candidates.glossy, errors, matte_errors | unknown)
-    return values, errors, candidates.chosen(determined, matte_determined)
+    return values, errors, choose(candidates.glossy, determined, matte_determined)
 
 
 def _distance(values: Numbers, others: Numbers) -> dict[str, Array]:

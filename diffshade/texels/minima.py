@@ -18,7 +18,7 @@ from ..model.vectors import Vec3
 from .blocks import first_normals, problem_of
 from .descent import Descent, best_on_grid, choose, descend
 from .lighting import LightingSetup
-from .normal_equations import NormalEquations
+from .normal_equations import NormalEquations, coefficient
 from .prediction import (
     FitOptions,
     KnownCoefficients,
@@ -78,8 +78,7 @@ def find_minimum(problem: TexelProblem, max_steps: Int[Array, ""], start: Vec3 |
 
 def _lit(problem: TexelProblem, found: NormalEquations, variance: Array) -> Float[Array, "2 texels"]:
     """Return how many observations that count a light reaches, and in how many of them k_d shows it above the noise."""
-    known = problem.known
-    k_d = found.k[known.fitted.index("k_d")] if known.k_d is None else known.k_d[:, None]
+    k_d = coefficient(problem.known, found.k, "k_d")
 
     def add(total: Array, view: ViewSlice) -> tuple[Array, None]:
         u = problem.geometry.shading(view.geometry, found.n, (), found.x).u

@@ -1,4 +1,4 @@
-"""Prediction: what one view shows of a block of texels, as a sum of features, and how much its samples weigh."""
+"""Prediction: a block of texels, what is fitted in it, and what one view shows of it, as a sum of features."""
 
 from __future__ import annotations
 

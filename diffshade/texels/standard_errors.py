@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ..core.fields import Array
-from ..core.thresholds import DEGREE, SLIGHT, TINY, VAGUE
+from ..core.thresholds import DEGREE, SLIGHT, VAGUE
 from .light_directions import out_of_plane, scatter
 from .linear_systems import inverse_diagonal
 from .minima import TexelMinima
@@ -77,8 +77,7 @@ def _joint_system(
     The other channels' coefficients are eliminated. `log_n_s_error` is what its region knows of n_s, the last unknown.
     """
     size, count = len(found.k), len(found.P)
-    reduced = eliminate_coefficients(found, hold_zeros=False)
-    S, Z = with_ridge(reduced.S, found), reduced.Z
+    S, Z = eliminate_coefficients(found, hold_zeros=False)
     if log_n_s_error is not None:
         precision = minimum.variance / jnp.maximum(log_n_s_error, 1e-12) ** 2
         S[-1][-1] = jnp.maximum(S[-1][-1], jnp.where(jnp.isfinite(precision), precision, 0.0))
@@ -110,8 +109,3 @@ def _separable(
         if name != "k_s":
             separable = separable & ~((deviation[i] > VAGUE * largest[None]) & inflated).any(0)
     return separable
-
-
-def with_ridge(S: Sequence[Sequence[Array]], found: NormalEquations) -> list[list[Array]]:
-    """Return the reduced system with a small ridge, relative to the curvature of each unknown alone."""
-    return [[a + (TINY * found.P[i][i] if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(S)]

@@ -209,14 +209,14 @@ class ViewReader:
         p = None if tile.position is None else Vec3(*tile.position[padded].T)
         v = self.projection.viewer(None)
         if self.camera.local_viewer and p is not None:
-            to_eye = Vec3(*(np.asarray(e) - c for e, c in zip(_parts(self.projection.eye), _parts(p), strict=True)))
-            length = np.sqrt(to_eye.x**2 + to_eye.y**2 + to_eye.z**2)
-            v = Vec3(*(c / np.where(length > 0, length, 1.0) for c in _parts(to_eye)))
+            v = _viewer(self.projection, p)
         return TexelBlock(n, p, v, Observations(tile.target[..., padded], counts), *piece.log_n_s[:, padded])
 
 
-def _parts(v: Vec3) -> tuple[Array, Array, Array]:
-    return v.x, v.y, v.z
+@jax.jit
+def _viewer(projection: Projection, p: Vec3) -> Vec3:
+    """Return the directions from points to the camera."""
+    return projection.viewer(p)
 
 
 @jax.jit

@@ -175,30 +175,20 @@ def _by_lights(
     return jnp.sqrt(squares / 2.0)
 
 
-class Reflectances(NamedTuple):
-    """What the views show of a block, as reflectances."""
-
-    beyond: Float[Array, "views texels"]
-    """More than the maps' model has, with Lambert's law, at the minimum of each texel, grey."""
-    brightest: Float[Array, " texels"]
-    """Largest of all views and channels."""
+@jax.jit
+def brightest_of(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> Float[Array, " texels"]:
+    """Return the largest reflectance that any view and channel shows of each texel."""
+    shown, arriving = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
+    reached = block.observed.counts & (arriving > 0.0).all(1)
+    return jnp.max(jnp.where(reached[:, None], shown, 0.0), (0, 1))
 
 
 @jax.jit
-def seen_by(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    block: TexelBlock,
-    observed: BlockObservations,
-    state: DescentState,
-    model: ObjectModel,
-) -> Reflectances:
-    """Return what the views show of a block."""
+def beyond_grey(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Float[Array, "views texels"]:
+    """Return what the views show beyond the maps' model, with Lambert's law, as a grey reflectance."""
     D, S = observed.lights.shading(model.shape.of_lambert, state.n)
     beyond = observed.y - state.k_d[None] * D - state.k_s[None] * S
-    shown, _ = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
-    brightest = jnp.max(jnp.where(observed.counts[:, None], shown, 0.0), (0, 1))
-    return Reflectances(jnp.where(observed.counts, beyond * observed.level[None], 0.0), brightest)
+    return jnp.where(observed.counts, beyond * observed.level[None], 0.0)
 
 
 class Turned(NamedTuple):

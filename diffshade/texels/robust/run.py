@@ -20,9 +20,9 @@ from ..prediction import KnownCoefficients, TexelBlock
 from ..status import MIN_LIT_WITH_NORMAL, ROUNDING, status_of
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
-from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
+from ..unexplained import NOISES, Interpolation, Unexplained, interpolation_of, most_parts, smoothing_of
 from .block_coefficients import BlockCoefficients, coefficients_of, kept_of, shown_under
-from .block_fits import Normals, Reflectances, lowest_two, normals_of, seen_by
+from .block_fits import Normals, beyond_grey, brightest_of, lowest_two, normals_of
 from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .learning import Assumptions, ObjectModel, learned
@@ -148,14 +148,11 @@ class RobustRun(TexelWork):
         """Return what the texels share, from a sample of them."""
         region = self.region_of(sample.pixels)
         refined = [self.refined(m, sample.part(np.flatnonzero(region == r))) for r, m in enumerate(models)]
-
-        def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Reflectances:
-            return seen_by(self.setup, self.known, block, *self.at_minimum(block, model), model)
-
-        seen = self.each(sample, program, refined)
-        brightest = np.asarray(seen.brightest).max(keepdims=True)[0]
+        pieces = self.tiles.reader.pieces(sample, np.zeros((2, len(sample.pixels))))
+        seen = self.tiles.each(lambda block, _: brightest_of(self.setup, self.known, block), pieces)
+        brightest = seen.max(keepdims=True)[0]
         leaves = self.tiles.store.kept(
-            "between_lights", lambda: jax.tree.leaves(self._interpolated(sample, refined, seen.beyond, brightest))
+            "between_lights", lambda: jax.tree.leaves(self._interpolated(sample, refined, brightest))
         )
         own_95 = 0.0
         if self.neighbours:
@@ -165,52 +162,33 @@ class RobustRun(TexelWork):
         return Shared(models, refined, brightest, own_95, *from_leaves(leaves))
 
     def _interpolated(
-        self,
-        sample: TexelTile,
-        models: Sequence[ObjectModel],
-        beyond: Float[Array, "views texels"],
-        brightest: Float[np.ndarray, ""],
+        self, sample: TexelTile, models: Sequence[ObjectModel], brightest: Float[np.ndarray, ""]
     ) -> tuple[Interpolation | None, BetweenLights | None]:
         """Return how what is beyond the model is interpolated between lights, and what is predicted there first."""
-        toward = self.toward(sample)
-        smoothing = smoothing_of(toward, beyond)
-        if smoothing is None:
-            return None, None
-        between, beyond = self._between(sample, models, brightest, toward, smoothing) or (None, beyond)
-        reader = self.tiles.reader
-        parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels, len(toward))
-        lights = toward
-        if between is not None:  # what was learned is smooth already
-            lights, smoothing = np.asarray(between.toward, np.float64), smoothing._replace(noise=min(NOISES))
-        return interpolation_of(lights, beyond, smoothing, parts).in_units_of(float(brightest)), between
 
-    def _between(
-        self,
-        sample: TexelTile,
-        models: Sequence[ObjectModel],
-        brightest: Float[np.ndarray, ""],
-        toward: Float[np.ndarray, "views 3"],
-        smoothing: Smoothing,
-    ) -> tuple[BetweenLights, Float[np.ndarray, "lights texels"]] | None:
-        """Return what a sample teaches of lights between those of the views, and what it then shows beyond the model.
+        def shown(lights: Float[Array, "lights 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            """Return what the views show beyond the model, grey and not, and the model under distant lights."""
 
-        The latter is grey. None where nothing was learned.
-        """
-        self.tiles.report_progress("learning what is between the lights")
-
-        def under(lights: Float[Array, "lights 3"]) -> tuple[np.ndarray, np.ndarray]:
-            def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> tuple[Array, Array]:
+            def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> tuple[Array, Array, Array]:
                 observed, state = self.at_minimum(block, model)
                 k, beyond = coefficients_of(self.setup, self.known, block, observed, model, state.n, brightest)
-                return beyond, shown_under(lights, observed, model, state.n, k)
+                return beyond_grey(observed, model, state), beyond, shown_under(lights, observed, model, state.n, k)
 
             return jax.tree.map(np.asarray, self.each(sample, program, models))
 
-        beyond, model = under(toward)
+        lights = toward = self.toward(sample)
+        grey, beyond, model = shown(toward)
+        smoothing = smoothing_of(toward, grey)
+        if smoothing is None:
+            return None, None
+        self.tiles.report_progress("learning what is between the lights")
         between = learned_between(toward, beyond, model, smoothing)
-        if between is None:
-            return None
-        return between, np.asarray(between.beyond(beyond, under(between.toward)[1])).mean(1)
+        if between is not None:  # what was learned is smooth already
+            lights, smoothing = np.asarray(between.toward, np.float64), smoothing._replace(noise=min(NOISES))
+            grey = np.asarray(between.beyond(beyond, shown(lights)[-1])).mean(1)
+        reader = self.tiles.reader
+        parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels, len(toward))
+        return interpolation_of(lights, grey, smoothing, parts).in_units_of(float(brightest)), between
 
     def _fit_tile(self, t: int, tile: TexelTile, shared: Shared, arrays: MapArrays) -> None:
         """Fit the texels of a tile that was read with those around it, and write what belongs to the tile."""

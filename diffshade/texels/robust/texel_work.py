@@ -17,7 +17,7 @@ from ..tile_runner import TileRunner
 from ..tiles import MIN_BLOCK, SQUARE, TexelPart, TexelTile
 from ..unexplained import Interpolation
 from .block_fits import lights_toward, lowest_state
-from .learning import Fitted, ObjectModel, every_assumption, first_model, fitted, learned
+from .learning import Fitted, ObjectModel, fitted, learned
 from .observations import BlockObservations, observe
 from .robust_descent import DescentState
 
@@ -144,10 +144,7 @@ class TexelWork:
 
     def toward(self, sample: TexelTile) -> Float[np.ndarray, "views 3"]:
         """Return the mean direction from some texels to the lights of each view."""
-
-        def program(block: TexelBlock, _: ObjectModel, __: np.ndarray | None) -> Float[np.ndarray, "views 3 n"]:
-            return lights_toward(self.setup, block)
-
-        mean = self.each(sample, program, [first_model(self.loss, every_assumption()[0])]).mean(-1)
+        pieces = self.tiles.reader.pieces(sample, np.zeros((2, len(sample.pixels))))
+        mean = self.tiles.each(lambda block, _: lights_toward(self.setup, block), pieces).mean(-1)
         length = np.linalg.norm(mean, axis=-1, keepdims=True)
         return mean / np.where(length > 0.0, length, 1.0)
