@@ -123,12 +123,8 @@ def _sensor(about: dict[str, float]) -> Sensor:
     return Sensor(**own, vignetting=Vignetting(**parts))
 
 
-OPTIONAL = {
-    "sensor": _sensor,
-    "exposures": _exposures,
-    "shifts": _shifts,
-    "black": float,
-}  # by the names of `TexelMaps`
+# what maps may have beside numbers, by the names of `TexelMaps`
+OPTIONAL = {"sensor": _sensor, "exposures": _exposures, "shifts": _shifts, "black": float}
 
 
 def _highlights(folder: Path, powers: Any, shape: tuple[int, int]) -> tuple[SharedHighlight, ...]:
