@@ -27,10 +27,9 @@ from timing import conditions, medians, take_turns
 
 import diffshade as ds
 from diffshade.parallel.threads import on_all_cores
-from diffshade.texels.blocks import FitOptions
 from diffshade.texels.estimates import estimate
 from diffshade.texels.lighting import lighting_setup
-from diffshade.texels.prediction import KnownCoefficients
+from diffshade.texels.prediction import FitOptions, KnownCoefficients
 from diffshade.texels.run import FIRST_STEPS
 from diffshade.texels.status import TypicalResidual
 from diffshade.texels.tiles import BLOCK, ViewReader

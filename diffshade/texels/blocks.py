@@ -1,96 +1,43 @@
-"""Blocks: one block of texels, what is fitted in it, and where the fit starts."""
+"""Blocks: what is fitted in one block of texels, where the fit starts, and how its lights are distributed."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
 from ..core.fields import Array
 from ..model.vectors import Vec3, normalize
-from .geometry import AbstractLightingGeometry, FreeNormalGeometry, lighting_geometry
+from .geometry import lighting_geometry
 from .light_directions import scatter
 from .lighting import LightingSetup
-from .photometric_stereo import mean_light
-from .prediction import KnownCoefficients, Observations, TexelProblem, first_weights
+from .photometric_stereo import mean_light, photometric_stereo
+from .prediction import FitOptions, KnownCoefficients, TexelBlock, TexelProblem
 
 
-class FitOptions(NamedTuple):
-    """What is free in a fit of texels, and how residuals are weighted."""
-
-    free: tuple[str, ...]
-    loss: str
-    homoscedastic: bool
-    """Whether the noise is the same at every level."""
-    known_noise: bool
-    shared: bool = False
-    """Whether n_s belongs to a region and has been found before."""
-    narrow: bool = False
-    """Whether the lights are so close together that a highlight and a tilted normal look alike."""
-
-    def without(self, *names: str) -> FitOptions:
-        """Return the same with these names not free."""
-        return self._replace(free=tuple(name for name in self.free if name not in names))
-
-
-class TexelBlock(eqx.Module):
-    """A block of texels: where they are, and what the views show of them."""
-
-    n: Vec3
-    p: Vec3 | None
-    v: Vec3
-    observed: Observations
-    log_n_s: Float[Array, " texels"]
-    """The value of log n_s where it is not fitted: the scene's, or a region's."""
-    log_n_s_error: Float[Array, " texels"]
-    """Its standard error: 0 for the scene's value."""
-
-    @property
-    def brightest(self) -> Float[Array, " texels"]:
-        """The brightest sample of each texel."""
-        target = self.observed.target.astype(float)
-        return jnp.max(jnp.where(self.observed.counts[:, None], target, 0.0), (0, 1))
-
-
-def geometry_of(setup: LightingSetup, block: TexelBlock, options: FitOptions) -> AbstractLightingGeometry[Any]:
-    """Return the lighting geometry of a block, for free or for fixed normals."""
-    geometry = lighting_geometry(setup, block.p, block.v)
-    return geometry if "normal" in options.free else geometry.with_normals(block.n)
-
-
-def begin(
+def problem_of(
     setup: LightingSetup,
     known: KnownCoefficients,
-    geometry: AbstractLightingGeometry[Any],
     block: TexelBlock,
+    sigma: Float[Array, ""] | float,
     options: FitOptions,
-    sigma: Float[Array, ""],
-) -> tuple[TexelProblem, Vec3, Float[Array, "views _ texels"]]:
-    """Return what is fitted in a block, and the normals and weights that the fit starts from."""
-    problem = TexelProblem(
-        setup,
-        known,
-        geometry,
-        block.observed,
-        jnp.asarray(sigma),
-        jnp.asarray(0),
-        _losses(options.loss),
-        homoscedastic=options.homoscedastic,
-        fit_exponent="n_s" in options.free,
-    )
-    n = block.n
-    if geometry.fits_normal:
-        n = geometry.first_normals(n, reflected(setup, known, block).mean(1), block.observed.counts)
-    return problem, n, first_weights(problem)
+) -> TexelProblem:
+    """Return what is fitted in a block."""
+    geometry = lighting_geometry(setup, block.p, block.v)
+    if "normal" not in options.free:
+        geometry = geometry.with_normals(block.n)
+    return TexelProblem(setup, known, geometry, block, jnp.asarray(sigma), jnp.asarray(0), options)
 
 
-def _losses(loss: str) -> tuple[str, ...]:
-    """Return the losses to minimise one after another: squares alone, or a convex loss and then the one asked for."""
-    return ("squares",) if loss == "squares" else tuple(dict.fromkeys(["huber", loss]))
+def first_normals(problem: TexelProblem) -> Vec3:
+    """Return the normals that a fit starts from: those of photometric stereo, or the surface's where they are known."""
+    block, geometry = problem.block, problem.geometry
+    if not problem.fit_normal:
+        return block.n
+    shown = reflected(problem.setup, problem.known, block).mean(1)
+    return photometric_stereo(geometry.l, geometry.strength, geometry.v, shown, block.observed.counts)
 
 
 def reflected(
@@ -106,9 +53,10 @@ def reflected(
     return shown
 
 
-def mirroring_normals(geometry: FreeNormalGeometry, block: TexelBlock) -> Vec3:
+def mirroring_normals(problem: TexelProblem) -> Vec3:
     """Return normals that mirror the light of each texel's brightest observation to the camera: (l + v) / |l + v|."""
-    shown = jnp.where(block.observed.counts, block.observed.target.astype(float).mean(1), -jnp.inf)
+    geometry, observed = problem.geometry, problem.observed
+    shown = jnp.where(observed.counts, observed.target.astype(float).mean(1), -jnp.inf)
     view = jnp.argmax(shown, 0)
 
     def at_brightest(component: Array) -> Array:

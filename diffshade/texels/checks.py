@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Sequence
 
 import equinox as eqx
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Int
 
 from ..core.fields import check, check_kind, refuse_traced
+from ..core.words import did_you_mean
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import View, is_grey, lights_on
 from ..inverse.forward.losses import LOSSES
@@ -72,8 +72,7 @@ def _checked_names(free: Iterable[str]) -> tuple[str, ...]:
     free = (free,) if isinstance(free, str) else tuple(free)
     for name in free:
         if name not in FREE:
-            close = difflib.get_close_matches(str(name), FREE, 1)
-            hint = f"Did you mean '{close[0]}'?" if close else "Give some of them."
+            hint = did_you_mean(str(name), FREE)
             raise ValueError(f"free must hold names among {', '.join(FREE)}; got {name!r}. {hint}")
     if not free:
         raise ValueError("free must name at least one map; got none. Give for example free=('k_d', 'k_s', 'n_s').")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -56,7 +57,7 @@ def descend(problem: TexelProblem, n: Vec3, x: Array, weight: Array, max_steps: 
         return Descent(choose(better, tried, now.found), new, damping, converged), steps + 1
 
     def stage(last: Descent, loss: Array) -> tuple[Descent, None]:
-        of_stage = eqx.tree_at(lambda t: t.stage, problem, loss)
+        of_stage = dataclasses.replace(problem, stage=loss)
         start = (_begin(last.found, last.weight), jnp.asarray(0))
         end, _ = jax.lax.while_loop(
             lambda s: (s[1] < max_steps) & ~jnp.all(s[0].converged), lambda s: step(of_stage, s), start
@@ -67,8 +68,7 @@ def descend(problem: TexelProblem, n: Vec3, x: Array, weight: Array, max_steps: 
         found = evaluate(problem, n, x, weight)
         return Descent(found, weight, jnp.zeros_like(x), jnp.ones(x.shape, bool))
     shapes = jax.eval_shape(evaluate, problem, n, x, weight)
-    empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    empty = eqx.tree_at(lambda f: (f.n, f.x), empty, (n, x))
+    empty = dataclasses.replace(jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes), n=n, x=x)
     return jax.lax.scan(stage, _begin(empty, weight), jnp.arange(len(problem.losses)))[0]
 
 
@@ -79,8 +79,8 @@ def choose(condition: Bool[Array, " texels"], a: T, b: T) -> T:
 
 def _begin(found: NormalEquations, weight: Array) -> Descent:
     """Return a descent whose first step is of length 0 and is taken, so that it evaluates the start."""
-    zero = tuple(jnp.zeros_like(slope) for slope in found.slope)
-    found = eqx.tree_at(lambda f: (f.cost, f.slope), found, (jnp.full_like(found.x, jnp.inf), zero))
+    nowhere, flat = jnp.full_like(found.x, jnp.inf), [jnp.zeros_like(slope) for slope in found.slope]
+    found = dataclasses.replace(found, cost=nowhere, slope=flat)
     return Descent(found, weight, jnp.full_like(found.x, FAR), jnp.zeros(found.x.shape, bool))
 
 
@@ -105,11 +105,10 @@ def moved(problem: TexelProblem, n: Vec3, x: Array, step: Sequence[Array]) -> tu
     return (tilted(n, step[0], step[1]) if problem.fit_normal else n), x
 
 
-def tilted(n: Vec3, a: Array, b: Array) -> Vec3:
-    """Return normals tilted by a and b along their tangents."""
+def tilted(n: Vec3, a: Array, b: Array, longest: float = MAX_TILT) -> Vec3:
+    """Return normals tilted by a and b along their tangents, together by `longest` at most."""
     along, across = tangents_of(n)
-    length = jnp.sqrt(a**2 + b**2)
-    shorter = jnp.where(length > MAX_TILT, MAX_TILT / jnp.where(length > 0, length, 1.0), 1.0)
+    shorter = jnp.minimum(1.0, longest / jnp.maximum(jnp.sqrt(a**2 + b**2), TINY))
     return normalize(n + along * (a * shorter) + across * (b * shorter))
 
 

@@ -12,12 +12,11 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from ..core.backend import jit_quickly
 from ..core.fields import Array
-from .blocks import FitOptions, TexelBlock, geometry_of, mirroring_normals
+from .blocks import mirroring_normals, problem_of
 from .descent import choose
-from .geometry import FreeNormalGeometry
 from .lighting import LightingSetup
 from .minima import TexelMinima, find_minimum, lower_and_other
-from .prediction import KnownCoefficients
+from .prediction import FitOptions, KnownCoefficients, TexelBlock, TexelProblem
 from .profile_errors import larger, profile_errors
 from .standard_errors import NamedNumbers, Numbers, named_numbers
 from .status import (
@@ -57,8 +56,8 @@ class Candidates(NamedTuple):
     """With all that is free."""
     other: TexelMinima | None
     """A second minimum with all that is free, where one was searched for."""
-    plain: TexelMinima | None
-    """Without a highlight; None where k_s is not free."""
+    plain: TexelMinima
+    """Without a highlight; the same as `full` where k_s is not free."""
     significant: Bool[Array, " texels"]
     """Where a highlight explains more than chance would."""
     plausible: Bool[Array, " texels"]
@@ -68,10 +67,6 @@ class Candidates(NamedTuple):
     def glossy(self) -> Bool[Array, " texels"]:
         """Where the texel is fitted with a highlight."""
         return self.significant & self.plausible
-
-    def chosen(self, full: Array, plain: Array) -> Array:
-        """Return for each texel what belongs to its minimum."""
-        return jnp.where(self.glossy, full, plain)
 
 
 @partial(jax.jit, static_argnames="options")
@@ -95,87 +90,68 @@ def estimate(
         max_steps: Steps of a descent at most.
         options: What is free, and how residuals are weighted.
     """
-    candidates = _candidates(setup, known, block, sigma, max_steps, options)
-    return _estimates(candidates, block, options, typical)
+    candidates = _candidates(problem_of(setup, known, block, sigma, options), max_steps)
+    return _estimates(candidates, typical)
 
 
 # of so few texels that the program, which takes seven times as long, is compiled in a third of the time
 estimate_few = jit_quickly(estimate, static_argnames="options")
 
 
-def _candidates(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    block: TexelBlock,
-    sigma: Array,
-    max_steps: Array,
-    options: FitOptions,
-) -> Candidates:
+def _candidates(problem: TexelProblem, max_steps: Array) -> Candidates:
     """Find the minima with and without a highlight, and where the highlight is real."""
-    geometry = geometry_of(setup, block, options)
-    full, other = find_minimum(setup, known, geometry, block, sigma, max_steps, options), None
-    if options.narrow:
-        assert isinstance(geometry, FreeNormalGeometry)
-        start = mirroring_normals(geometry, block)
-        full, other = lower_and_other(
-            full, find_minimum(setup, known, geometry, block, sigma, max_steps, options, start)
-        )
-    if "k_s" not in options.free:
-        everywhere = jnp.ones(block.n.x.shape, bool)
-        return Candidates(full, other, None, everywhere, everywhere)
-    matte, without = known.without_highlight(), options.without("k_s", "n_s")
-    plain = find_minimum(setup, matte, geometry, block, sigma, max_steps, without)
+    full, other = find_minimum(problem, max_steps), None
+    if problem.options.narrow:
+        full, other = lower_and_other(full, find_minimum(problem, max_steps, mirroring_normals(problem)))
+    if "k_s" not in problem.options.free:
+        everywhere = jnp.ones(problem.samples.shape, bool)
+        return Candidates(full, other, full, everywhere, everywhere)
+    plain = find_minimum(problem.without_highlight(), max_steps)
     significant = highlight_is_significant(full, plain)
-    return Candidates(full, other, plain, significant, highlight_is_plausible(full, block.brightest))
+    return Candidates(full, other, plain, significant, highlight_is_plausible(full))
 
 
-def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, typical: TypicalResidual) -> Estimates:
+def _estimates(candidates: Candidates, typical: TypicalResidual) -> Estimates:
     """Choose between the fits with and without a highlight, and decide the status of each texel."""
-    full = candidates.full
-    plain = full if candidates.plain is None else candidates.plain
-    numbers = named_numbers(full, block, options)
+    full, plain = candidates.full, candidates.plain
+    numbers = named_numbers(full)
     highlight = candidates.glossy & highlight_is_determined(full, numbers)
-    values, errors, determined = _chosen_numbers(candidates, numbers, block, options)
-    freedom = candidates.chosen(full.freedom, plain.freedom)
-    variance, level = candidates.chosen(full.residual_variance, plain.residual_variance), full.level
-    misfit = ~typical.accounts_for(variance, level, freedom)
-    lit, clear = candidates.chosen(full.lit, plain.lit), candidates.chosen(full.clear, plain.clear)
+    values, errors, determined = _chosen_numbers(candidates, numbers)
+    of_full, of_plain = (
+        (m.freedom, m.residual_variance, m.lit, m.clear, m.descent.converged, m.mean_square) for m in (full, plain)
+    )
+    freedom, variance, lit, clear, converged, mean_square = choose(candidates.glossy, of_full, of_plain)
+    misfit = ~typical.accounts_for(variance, full.level, freedom)
     shadowed = (freedom <= 0) | (clear < MIN_LIT_WITH_NORMAL if full.problem.fit_normal else lit < 1)
     finite = all_finite(values)
-    converged = candidates.chosen(full.descent.converged, plain.descent.converged)
     vague = candidates.significant & ~highlight
     status = status_of(highlight, vague | misfit | ~determined, shadowed, ~converged | ~finite)
     values, errors = _shown(values, errors, status == DETERMINED, finite, shadowed)
-    residual = jnp.sqrt(candidates.chosen(full.mean_square, plain.mean_square))
-    ended = plain.descent.converged & full.descent.converged
-    return Estimates(values, errors, jnp.where(finite, residual, 0.0), status, ended, variance, level)
+    residual, ended = jnp.where(finite, jnp.sqrt(mean_square), 0.0), plain.descent.converged & full.descent.converged
+    return Estimates(values, errors, residual, status, ended, variance, full.level)
 
 
 def _chosen_numbers(
-    candidates: Candidates, numbers: NamedNumbers, block: TexelBlock, options: FitOptions
+    candidates: Candidates, numbers: NamedNumbers
 ) -> tuple[dict[str, Array], dict[str, Array], Bool[Array, " texels"]]:
     """Return the values and errors of each texel's minimum, and where all but the highlight is determined."""
-    full, plain, values = candidates.full, candidates.plain, numbers.values
-    errors = numbers.errors
+    full, plain, values, errors = candidates.full, candidates.plain, numbers.values, numbers.errors
     if full.problem.fit_exponent or full.problem.fit_normal:
-        errors = profile_errors(full, candidates.other, block, values, errors)
+        errors = profile_errors(full, candidates.other, values, errors)
     determined = numbers.separable & rest_is_determined(full, values, errors)
-    if plain is None:
+    if plain is full:
         return values, errors, determined
-    matte = named_numbers(plain, block, options)
+    matte = named_numbers(plain)
     matte_errors = matte.errors
     if full.problem.fit_normal:  # a broad highlight that is too weak to be significant looks like k_d or a tilt
         off = _distance(values, matte.values)
-        possible = {name: jnp.hypot(errors[name], off[name]) for name in matte_errors}
-        matte_errors = larger(matte_errors, possible)
+        matte_errors = larger(matte_errors, {name: jnp.hypot(errors[name], off[name]) for name in off})
     matte_determined = matte.separable & rest_is_determined(plain, matte.values, matte_errors)
-    channels, texels = full.problem.observed.target.shape[1:]
-    widths = {"k_s": channels, "n_s": 1}
-    matte_values = matte.values | {name: jnp.zeros((width, texels)) for name, width in widths.items()}
-    matte_errors = matte_errors | {name: jnp.full((width, texels), jnp.inf) for name, width in widths.items()}
-    values = {name: choose(candidates.glossy, value, matte_values[name]) for name, value in values.items()}
-    errors = {name: choose(candidates.glossy, error, matte_errors[name]) for name, error in errors.items()}
-    return values, errors, candidates.chosen(determined, matte_determined)
+    none = {name: jnp.zeros_like(values[name]) for name in ("k_s", "n_s") if name in values}
+    unknown = {name: jnp.full_like(zero, jnp.inf) for name, zero in none.items()}
+    values = choose(candidates.glossy, values, matte.values | none)
+    errors = choose(candidates.glossy, errors, matte_errors | unknown)
+    return values, errors, choose(candidates.glossy, determined, matte_determined)
 
 
 def _distance(values: Numbers, others: Numbers) -> dict[str, Array]:

@@ -10,93 +10,47 @@ with the exposure t. All but n and n_s is computed once for a block.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Generic, NamedTuple, TypeVar, final
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..core.fields import Array
 from ..inverse.forward.lighting import DARK
 from ..model.lobes import AbstractPowerLobe
 from ..model.vectors import Vec3, dot
-from .light_directions import out_of_plane, scatter
 from .lighting import LightingSetup
-from .photometric_stereo import photometric_stereo
+
+Angles = tuple[Float[Array, "*views emitters texels"], Float[Array, "*views emitters texels"]]  # (n.l)_+, log of cos
 
 
-class UnitShading(eqx.Module):
+class UnitShading(NamedTuple):
     """u and v of one view: its shading for k_d = 1 and for k_s = 1, and their derivatives."""
 
     u: Float[Array, "lamps texels"]
     v: Float[Array, "lamps texels"]
-    by_tilt: tuple[tuple[Float[Array, "lamps texels"], Float[Array, "lamps texels"]], ...]
-    """(du, dv) by each tilt of the normal; empty for fixed normals."""
+    by_tilt: list[tuple[Float[Array, "lamps texels"], Float[Array, "lamps texels"]]]
+    """(du, dv) along each tangent of the normal."""
     v_by_x: Float[Array, "lamps texels"]
     """dv/dx, x = log n_s."""
 
 
-class FreeNormalView(NamedTuple):
-    """One view as `FreeNormalGeometry.shading` needs it: directions to the lights, and their intensities."""
+class ViewGeometry(NamedTuple):
+    """One view as `LightingGeometry.shading` needs it."""
 
     l: Vec3
     strength: Float[Array, "*views lamps emitters _"]
+    angles: Angles | None
 
 
-class FixedNormalView(NamedTuple):
-    """One view as `FixedNormalGeometry.shading` needs it: u, the log of the highlight's base, and the intensities."""
-
-    u: Float[Array, "*views lamps texels"]
-    log_base: Float[Array, "*views emitters texels"]
-    strength: Float[Array, "*views lamps emitters _"]
-
-
-OneView = TypeVar("OneView", FreeNormalView, FixedNormalView)
-
-
-class AbstractLightingGeometry(eqx.Module, Generic[OneView]):
-    """How the light of each view reaches a block of texels, and what follows from whether their normals are fitted.
+class LightingGeometry(eqx.Module):
+    """How the light of each view reaches a block of texels: directions and intensities, exposure included.
 
     The axis `lamps` is one of channels, of length 1 where all light is grey.
     """
-
-    @property
-    @abstractmethod
-    def fits_normal(self) -> bool:
-        """Whether the normals are unknowns."""
-
-    @property
-    @abstractmethod
-    def views(self) -> OneView:
-        """All views along a leading axis, for a scan."""
-
-    @abstractmethod
-    def shading(self, view: OneView, n: Vec3, tangents: Sequence[Vec3], x: Array) -> UnitShading:
-        """Return u and v of one view, with derivatives along the tangents of n and by x = log n_s."""
-
-    @abstractmethod
-    def first_normals(self, n: Vec3, shown: Float[Array, "views texels"], counts: Bool[Array, "views texels"]) -> Vec3:
-        """Return the normals where a fit starts.
-
-        Args:
-            n: The normals of the scene's surface.
-            shown: The mean over the channels of each observation, without black, ambient light and emission.
-            counts: Which observations count.
-        """
-
-    @abstractmethod
-    def out_of_plane(
-        self, setup: LightingSetup, weight: Float[Array, "views _ texels"], n: Vec3, *, ambient: bool
-    ) -> Float[Array, " texels"]:
-        """Return the sine by which the lights that reach each texel leave one plane; 1 for fixed normals."""
-
-
-@final
-class FreeNormalGeometry(AbstractLightingGeometry[FreeNormalView]):
-    """Texels whose normals are fitted: directions and intensities of the light, exposure included."""
 
     l: Vec3
     """Components (views, emitters, texels or 1)."""
@@ -104,80 +58,34 @@ class FreeNormalGeometry(AbstractLightingGeometry[FreeNormalView]):
     v: Vec3
     """Components (1, texels or 1)."""
     lobe: AbstractPowerLobe
+    angles: Angles | None = None
+    """Those of normals that stay as they are, for which they are computed once."""
 
     @property
-    def fits_normal(self) -> bool:
-        return True
+    def views(self) -> ViewGeometry:
+        """All views along a leading axis, for a scan."""
+        return ViewGeometry(self.l, self.strength, self.angles)
 
-    @property
-    def views(self) -> FreeNormalView:
-        return FreeNormalView(self.l, self.strength)
-
-    def shading(self, view: FreeNormalView, n: Vec3, tangents: Sequence[Vec3], x: Array) -> UnitShading:
-        l, strength = view
+    def shading(self, view: ViewGeometry, n: Vec3, tangents: Sequence[Vec3], x: Array) -> UnitShading:
+        """Return u and v of one view, with derivatives along the tangents of n and by x = log n_s."""
 
         def at(n: Vec3) -> tuple[Array, ...]:
-            n_l, log_base = _angles(n, l, self.v, self.lobe)
+            n_l, log_base = _angles(n, view.l, self.v, self.lobe) if view.angles is None else view.angles
             exponent = jnp.exp(x)[None] * log_base
             power = jnp.exp(exponent)
-            return tuple(jnp.sum(strength * row[None], 1) for row in (n_l, power, exponent * power))
+            return tuple(jnp.sum(view.strength * row[None], 1) for row in (n_l, power, exponent * power))
 
         (u, v, v_by_x), derivative = jax.linearize(at, n)
-        by_tilt = []
-        for tangent in tangents:
-            du, dv, _ = derivative(tangent)
-            by_tilt.append((du, dv))
-        return UnitShading(u, v, tuple(by_tilt), v_by_x)
+        by_tilt = [(du, dv) for du, dv, _ in map(derivative, tangents)]
+        return UnitShading(u, v, by_tilt, v_by_x)
 
-    def first_normals(self, n: Vec3, shown: Array, counts: Array) -> Vec3:
-        return photometric_stereo(self.l, self.strength, self.v, shown, counts)
-
-    def out_of_plane(self, setup: LightingSetup, weight: Array, n: Vec3, *, ambient: bool) -> Array:
-        return out_of_plane(scatter(self.l, self.strength, setup.exposure, weight, n, ambient=ambient))
-
-    def with_normals(self, n: Vec3) -> FixedNormalGeometry:
+    def with_normals(self, n: Vec3) -> LightingGeometry:
         """Return the geometry for normals that stay as they are."""
-
-        def of_view(view: FreeNormalView) -> tuple[Array, Array]:
-            l, strength = view
-            n_l, log_base = _angles(n, l, self.v, self.lobe)
-            return jnp.sum(strength * n_l[None], 1), log_base
-
-        u, log_base = jax.lax.map(of_view, self.views)
-        return FixedNormalGeometry(u, log_base, self.strength)
+        angles = jax.lax.map(lambda l: _angles(n, l, self.v, self.lobe), self.l)
+        return LightingGeometry(self.l, self.strength, self.v, self.lobe, angles)
 
 
-@final
-class FixedNormalGeometry(AbstractLightingGeometry[FixedNormalView]):
-    """Texels whose normals are known: u is known too, and v up to n_s."""
-
-    u: Float[Array, "views lamps texels"]
-    log_base: Float[Array, "views emitters texels"]
-    strength: Float[Array, "views lamps emitters _"]
-
-    @property
-    def fits_normal(self) -> bool:
-        return False
-
-    @property
-    def views(self) -> FixedNormalView:
-        return FixedNormalView(self.u, self.log_base, self.strength)
-
-    def shading(self, view: FixedNormalView, n: Vec3, tangents: Sequence[Vec3], x: Array) -> UnitShading:
-        u, log_base, strength = view
-        exponent = jnp.exp(x)[None] * log_base
-        power = jnp.exp(exponent)
-        v, v_by_x = (jnp.sum(strength * row[None], 1) for row in (power, exponent * power))
-        return UnitShading(u, v, (), v_by_x)
-
-    def first_normals(self, n: Vec3, shown: Array, counts: Array) -> Vec3:
-        return n
-
-    def out_of_plane(self, setup: LightingSetup, weight: Array, n: Vec3, *, ambient: bool) -> Array:
-        return jnp.ones(n.x.shape)
-
-
-def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractPowerLobe) -> tuple[Array, Array]:
+def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractPowerLobe) -> Angles:
     """Return (n.l)_+ and the logarithm of the highlight's base, DARK where there is no highlight."""
     n = jax.tree.map(lambda c: c[None], n)
     n_l, cosine = dot(n, l), lobe.cosine(n, l, v)
@@ -186,7 +94,7 @@ def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractPowerLobe) -> tuple[Array, 
     return jnp.where(lit, n_l, 0.0), jnp.where(shines, jnp.log(jnp.where(shines, cosine, 1.0)), DARK)
 
 
-def lighting_geometry(setup: LightingSetup, p: Vec3 | None, v: Vec3) -> FreeNormalGeometry:
+def lighting_geometry(setup: LightingSetup, p: Vec3 | None, v: Vec3) -> LightingGeometry:
     """Return the geometry of texels at the points p, seen from the direction v."""
 
     def of_view(view: tuple[tuple[tuple[Array, Array], ...], Array]) -> tuple[Vec3, Array]:
@@ -206,7 +114,7 @@ def lighting_geometry(setup: LightingSetup, p: Vec3 | None, v: Vec3) -> FreeNorm
         return l, jnp.concatenate([jnp.broadcast_to(s, (*s.shape[:2], wide)) for s in strengths], 1)
 
     l, strength = jax.lax.map(of_view, (setup.lit, setup.exposure))
-    return FreeNormalGeometry(l, strength, jax.tree.map(lambda c: jnp.reshape(c, (1, -1)), v), setup.lobe)
+    return LightingGeometry(l, strength, jax.tree.map(lambda c: jnp.reshape(c, (1, -1)), v), setup.lobe)
 
 
 def _as_rows(component: Array) -> Array:

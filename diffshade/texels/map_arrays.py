@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from ..core.fields import Array
-from ..parallel.run_store import RunStore
-from .estimates import Estimates
+from ..model.scenes import Scene
+from .checks import check_anything_left
+from .maps import TexelMaps
+from .tile_runner import TileRunner
+from .tiles import TexelTile
 
 WIDTHS = {"n_s": 1, "n_s_error": 1, "status": 1, "residual": 1, "normal": 3, "normal_error": 1}
 
@@ -16,37 +20,40 @@ WIDTHS = {"n_s": 1, "n_s_error": 1, "status": 1, "residual": 1, "normal": 3, "no
 class MapArrays:
     """The maps of a run, (H, W, C) each, and those of their errors."""
 
-    def __init__(self, store: RunStore, names: tuple[str, ...], shape: tuple[int, int], channels: int):
+    def __init__(self, tiles: TileRunner, names: tuple[str, ...]):
         """Make the arrays, or open those of an earlier run.
 
         Args:
-            store: Where they are stored.
+            tiles: What reads the tiles and stores the maps.
             names: The numbers that are free.
-            shape: Rows and columns.
-            channels: Channels of a photograph, and of the maps of the coefficients.
         """
-        self.store, self.names = store, names
+        self.tiles, self.names, reader = tiles, names, tiles.reader
         self.arrays: dict[str, np.ndarray] = {}
         for name in [f"{name}{end}" for name in names for end in ("", "_error")] + ["status", "residual"]:
             dtype = np.uint8 if name == "status" else np.float32
-            self.arrays[name] = store.array(name, (*shape, WIDTHS.get(name, channels)), dtype)
+            self.arrays[name] = tiles.store.array(name, (*reader.shape, WIDTHS.get(name, reader.channels)), dtype)
 
-    def write(self, pixels: np.ndarray, found: Estimates) -> None:
-        """Write the estimates of some texels, given by their indices in the flattened image."""
-        numbers = {"status": found.status[None], "residual": found.residual[None], **found.values}
-        self.write_numbers(pixels, numbers | {f"{name}_error": error for name, error in found.errors.items()})
+    def fill(self, fit: Callable[[int, TexelTile], None], margin: int = 0) -> None:
+        """Call `fit(index, tile)` for every tile that is not done; raise ValueError if no process fitted a texel."""
+        self.tiles.each_tile(fit, "fitted", margin=margin)
+        self.tiles.store.wait_for_all()
+        check_anything_left(self.arrays["status"])
 
-    def write_numbers(self, pixels: np.ndarray, numbers: Mapping[str, Array]) -> None:
-        """Write numbers of some texels, each (channels, texels), into the arrays of their names."""
+    def write(self, pixels: np.ndarray, numbers: Mapping[str, Array]) -> None:
+        """Write numbers of some texels, each (channels, texels), into the arrays of their names.
+
+        Args:
+            pixels: Indices of the texels in the flattened image.
+            numbers: By the names of the arrays.
+        """
         for name, value in numbers.items():
             whole = self.arrays[name]
             with np.errstate(over="ignore"):  # an error too large for float32 becomes infinite
                 whole.reshape(-1, whole.shape[2])[pixels] = np.asarray(value).T
 
-    def values(self) -> dict[str, np.ndarray]:
+    def maps(self, scene: Scene, notes: tuple[str, ...], **more: Any) -> TexelMaps:
         """Return the maps, read-only."""
-        return {name: self.store.read(name) for name in self.names}
-
-    def errors(self) -> dict[str, np.ndarray]:
-        """Return the maps of the errors, read-only."""
-        return {name: self.store.read(f"{name}_error") for name in self.names}
+        read = self.tiles.store.read
+        values, errors = ({name: read(f"{name}{end}") for name in self.names} for end in ("", "_error"))
+        status, residual = (read(name)[..., 0] for name in ("status", "residual"))
+        return TexelMaps(values, errors, status, residual, scene, self.tiles.reader.camera, notes, **more)

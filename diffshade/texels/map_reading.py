@@ -104,10 +104,7 @@ def _maps(folder: Path, about: dict[str, Any], scene: Any, camera: Any) -> Texel
         {name: float(times) for name, times in about["errors_95"].items()},
         _highlights(folder, about.get("highlight", ()), shape),
         _unexplained(folder, about["unexplained"], shape) if "unexplained" in about else None,
-        _sensor(about["sensor"]) if "sensor" in about else None,
-        _exposures(about["exposures"]) if "exposures" in about else None,
-        _shifts(about["shifts"]) if "shifts" in about else None,
-        float(about.get("black", 0.0)),
+        **{name: read(about[name]) for name, read in OPTIONAL.items() if name in about},
     )
 
 
@@ -116,8 +113,7 @@ def _exposures(about: dict[str, Any]) -> Exposures:
 
 
 def _shifts(about: dict[str, Any]) -> Shifts:
-    pixels, error = (np.array(about[name], np.float64).reshape(-1, 2) for name in ("pixels", "error"))
-    return Shifts(pixels, error, np.array(about["undone"], bool))
+    return Shifts(*(np.array(about[name]) for name in Shifts._fields))
 
 
 def _sensor(about: dict[str, float]) -> Sensor:
@@ -125,6 +121,10 @@ def _sensor(about: dict[str, float]) -> Sensor:
     parts = {name.rpartition(".")[2]: float(value) for name, value in about.items() if name.startswith("vignetting.")}
     own = {name: float(value) for name, value in about.items() if "." not in name}
     return Sensor(**own, vignetting=Vignetting(**parts))
+
+
+# what maps may have beside numbers, by the names of `TexelMaps`
+OPTIONAL = {"sensor": _sensor, "exposures": _exposures, "shifts": _shifts, "black": float}
 
 
 def _highlights(folder: Path, powers: Any, shape: tuple[int, int]) -> tuple[SharedHighlight, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,13 +15,14 @@ from ..core.fields import Array
 from ..core.robust_scale import RARE
 from ..core.thresholds import MINOR
 from ..model.vectors import Vec3
-from .blocks import FitOptions, TexelBlock, begin, geometry_of
+from .blocks import first_normals, problem_of
 from .descent import Descent, best_on_grid, choose, descend
-from .geometry import AbstractLightingGeometry
 from .lighting import LightingSetup
-from .normal_equations import NormalEquations
+from .normal_equations import NormalEquations, coefficient
 from .prediction import (
+    FitOptions,
     KnownCoefficients,
+    TexelBlock,
     TexelProblem,
     ViewSlice,
     features,
@@ -47,8 +47,6 @@ class TexelMinima(eqx.Module):
     """Variance of a sample of weight 1: the residual variance, or 1 where the noise is known."""
     residual_variance: Float[Array, " texels"]
     """Variance of a sample of weight 1 from the residuals; infinite without degrees of freedom."""
-    out_of_plane: Float[Array, " texels"]
-    """Sine by which the lights that reach a texel leave one plane; 1 where the normal is known."""
 
     @property
     def mean_square(self) -> Float[Array, " texels"]:
@@ -63,37 +61,24 @@ class TexelMinima(eqx.Module):
         return squares / jnp.maximum(problem.samples, 1.0)
 
 
-def find_minimum(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    geometry: AbstractLightingGeometry[Any],
-    block: TexelBlock,
-    sigma: Float[Array, ""],
-    max_steps: Int[Array, ""],
-    options: FitOptions,
-    start: Vec3 | None = None,
-) -> TexelMinima:
+def find_minimum(problem: TexelProblem, max_steps: Int[Array, ""], start: Vec3 | None = None) -> TexelMinima:
     """Find the minimum of every texel, from the normals `start` or, without them, from photometric stereo."""
-    problem, n, weight = begin(setup, known, geometry, block, options, sigma)
-    n = n if start is None else start
-    x = best_on_grid(problem, n, weight) if problem.fit_exponent else block.log_n_s
+    n, weight = first_normals(problem) if start is None else start, first_weights(problem)
+    x = best_on_grid(problem, n, weight) if problem.fit_exponent else problem.block.log_n_s
     descent = descend(problem, n, x, weight, max_steps)
-    found, channels = descent.found, block.observed.channels
+    found, channels, known_noise = descent.found, problem.observed.channels, problem.options.known_noise
     by_all = found.squares / jnp.maximum(problem.samples - problem.unknowns, 1.0)
-    lit, clear = _lit(problem, found, jnp.ones_like(by_all) if options.known_noise else by_all)
+    lit, clear = _lit(problem, found, jnp.ones_like(by_all) if known_noise else by_all)
     freedom = lit * channels - problem.unknowns
     freedom_kept = jnp.minimum(found.share, lit) * channels - problem.unknowns
     residual_variance = jnp.where(freedom > 0, found.squares / jnp.maximum(freedom_kept, 1.0), jnp.inf)
-    variance = jnp.ones_like(residual_variance) if options.known_noise else residual_variance
-    ambient = "k_a" in known.fitted
-    out_of_plane = geometry.out_of_plane(setup, descent.weight, found.n, ambient=ambient)
-    return TexelMinima(problem, descent, lit, clear, freedom, variance, residual_variance, out_of_plane)
+    variance = jnp.ones_like(residual_variance) if known_noise else residual_variance
+    return TexelMinima(problem, descent, lit, clear, freedom, variance, residual_variance)
 
 
 def _lit(problem: TexelProblem, found: NormalEquations, variance: Array) -> Float[Array, "2 texels"]:
     """Return how many observations that count a light reaches, and in how many of them k_d shows it above the noise."""
-    known = problem.known
-    k_d = found.k[known.fitted.index("k_d")] if known.k_d is None else known.k_d[:, None]
+    k_d = coefficient(problem.known, found.k, "k_d")
 
     def add(total: Array, view: ViewSlice) -> tuple[Array, None]:
         u = problem.geometry.shading(view.geometry, found.n, (), found.x).u
@@ -135,7 +120,7 @@ def residual_sizes(
     The size is the root mean square over the C channels. It is divided by the median of chi / sqrt(C) with C degrees of
     freedom, and by the root of the share of the samples that the unknowns leave.
     """
-    minimum = find_minimum(setup, known, geometry_of(setup, block, options), block, sigma, max_steps, options)
+    minimum = find_minimum(problem_of(setup, known, block, sigma, options), max_steps)
     problem, found = minimum.problem, minimum.descent.found
 
     def of_view(view: ViewSlice) -> Array:

@@ -12,7 +12,8 @@ not grow with the number of views, and what one view needs stays in a core's cac
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -21,6 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from ..core.fields import Array
+from ..core.thresholds import TINY
 from ..inverse.forward.losses import LOSSES
 from ..model.vectors import Vec3, tangents_of
 from .linear_systems import cholesky, forward, nonnegative
@@ -35,7 +37,7 @@ class NormalEquations(eqx.Module):
 
     n: Vec3
     x: Float[Array, " texels"]
-    k: tuple[Float[Array, "channels texels"], ...]
+    k: Sequence[Float[Array, "channels texels"]]
     """Those of `KnownCoefficients.fitted`."""
     cost: Float[Array, " texels"]
     """Half the sum over views of C sigma^2 rho(sum over the C channels of w r^2 / (C sigma^2))."""
@@ -43,13 +45,13 @@ class NormalEquations(eqx.Module):
     """Sum of w r^2 with the weights of the loss."""
     share: Float[Array, " texels"]
     """Sum of the weights of the loss: how many observations it keeps."""
-    G: tuple[tuple[Float[Array, "_ texels"], ...], ...]
+    G: Sequence[Sequence[Float[Array, "_ texels"]]]
     """A^T W A, of the coefficients, in each channel."""
-    B: tuple[tuple[Float[Array, "channels texels"], ...], ...]
+    B: Sequence[Sequence[Float[Array, "channels texels"]]]
     """A^T W J, of the coefficients with the other unknowns."""
-    P: tuple[tuple[Float[Array, " texels"], ...], ...]
+    P: Sequence[Sequence[Float[Array, " texels"]]]
     """J^T W J, of the other unknowns."""
-    slope: tuple[Float[Array, " texels"], ...]
+    slope: Sequence[Float[Array, " texels"]]
     """Derivative of the cost by the other unknowns."""
     weight: Float[Array, "views _ texels"] | None
     """The weights at this prediction; None where they never change."""
@@ -87,7 +89,7 @@ def sums(
         return (products, right, squares + jnp.sum(w * r * r, 0)), None
 
     channels = problem.observed.channels
-    equal_channels = problem.setup.grey_lights and problem.homoscedastic
+    equal_channels = problem.setup.grey_lights and problem.options.homoscedastic
     all_channels = jnp.zeros((channels, *x.shape))
     of_features = jnp.zeros((1 if equal_channels else channels, *x.shape))
     ambient = [name == "k_a" for name in problem.known.fitted] + [False] * (size - linear)
@@ -124,8 +126,7 @@ def combined_twice(first: Terms, second: Terms, products: Sequence[Sequence[Arra
 
 def derivatives_of_prediction(problem: TexelProblem, k: Sequence[Array]) -> list[Terms]:
     """Return J, so far as it is fitted: dm/da = k_d du/da + k_s dv/da, the same by b, and dm/dx = k_s dv/dx."""
-    fitted = dict(zip(problem.known.fitted, k, strict=True))
-    k_d, k_s = (_coefficient(fitted, problem.known, name) for name in ("k_d", "k_s"))
+    k_d, k_s = (coefficient(problem.known, k, name) for name in ("k_d", "k_s"))
     first = len(k)  # features begin with one column for each fitted coefficient
     J: list[Terms] = []
     if problem.fit_normal:
@@ -137,9 +138,9 @@ def derivatives_of_prediction(problem: TexelProblem, k: Sequence[Array]) -> list
     return J
 
 
-def _coefficient(fitted: dict[str, Array], known: KnownCoefficients, name: str) -> Array:
-    """Return a coefficient, fitted or known."""
-    return fitted[name] if name in fitted else getattr(known, name)[:, None]
+def coefficient(known: KnownCoefficients, k: Sequence[Array], name: str) -> Array:
+    """Return a coefficient in each channel, fitted or known."""
+    return k[known.fitted.index(name)] if name in known.fitted else getattr(known, name)[:, None]
 
 
 def evaluate(problem: TexelProblem, n: Vec3, x: Array, weight: Float[Array, "views _ texels"]) -> NormalEquations:
@@ -156,80 +157,50 @@ def evaluate(problem: TexelProblem, n: Vec3, x: Array, weight: Float[Array, "vie
         predicted = sum((c * row[j] for c, row in zip(k, B, strict=True)), jnp.zeros((1, 1)))
         slope.append(jnp.sum(predicted - combined(of_q, right), 0))
     cost = 0.5 * (squares - jnp.sum(gain, 0))
-    found = NormalEquations(
-        n,
-        x,
-        tuple(k),
-        cost,
-        2.0 * cost,
-        problem.observed.number,
-        tuple(map(tuple, G)),
-        tuple(map(tuple, B)),
-        tuple(map(tuple, P)),
-        tuple(slope),
-        None,
-    )
+    found = NormalEquations(n, x, k, cost, 2.0 * cost, problem.observed.number, G, B, P, slope, None)
     return reweight(problem, found) if problem.reweights else found
 
 
 def reweight(problem: TexelProblem, found: NormalEquations) -> NormalEquations:
     """Return the normal equations with the cost of their residuals, and with the weights for the next step."""
+    losses = [lambda s, of=LOSSES[name]: (of.value(s), of.slope(s)) for name in problem.losses]  # rho and its weight
 
     def add(total: _Costs, view: ViewSlice) -> tuple[_Costs, Array]:
         m = features(problem, view, found.n, found.x, ()).predicted(found.k)
         precision = jnp.where(view.counts[None], 1.0 / sample_variance(problem, view, m), 0.0)
         r2 = jnp.sum(precision * (m - view.target.astype(found.x.dtype)) ** 2, 0)
         scale = len(view.target) * problem.sigma**2  # the channels of an observation are weighted together
-        rho, kept = jax.lax.switch(problem.stage, [_loss(name) for name in problem.losses], r2 / scale)
+        rho, kept = jax.lax.switch(problem.stage, losses, r2 / scale)
         cost, squares, share = total
         cost, squares = cost + 0.5 * scale * rho, squares + kept * r2
         return (cost, squares, share + jnp.where(view.counts, kept, 0.0)), precision * kept[None]
 
     zero = jnp.zeros(found.x.shape)
     (cost, squares, share), weight = jax.lax.scan(add, (zero, zero, zero), view_slices(problem, None))
-    return eqx.tree_at(
-        lambda f: (f.cost, f.squares, f.share, f.weight),
-        found,
-        (cost, squares, share, weight),
-        is_leaf=lambda leaf: leaf is None,
-    )
-
-
-def _loss(name: str) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function of s = (r/sigma)^2 that gives rho(s) and rho'(s), the weight of the residual."""
-
-    def value_and_weight(s: Array) -> tuple[Array, Array]:
-        return LOSSES[name].value(s), LOSSES[name].slope(s)
-
-    return value_and_weight
+    return dataclasses.replace(found, cost=cost, squares=squares, share=share, weight=weight)
 
 
 class ReducedSystem(NamedTuple):
     """The normal equations of n and x once the coefficients are eliminated."""
 
     S: list[list[Array]]
-    """The Schur complement P - B^T G^-1 B."""
+    """The Schur complement P - B^T G^-1 B, with a small ridge relative to P."""
     Z: list[list[Array]]
     """L^-1 B, one row for each of the other unknowns, with the Cholesky factor L of G in each channel."""
 
 
 def eliminate_coefficients(found: NormalEquations, *, hold_zeros: bool) -> ReducedSystem:
     """Eliminate the coefficients; `hold_zeros` treats those that are 0 as known."""
-    size, count = len(found.k), len(found.P)
-    free = [k > 0.0 for k in found.k]
-
-    def element(i: int, j: int) -> Array:
-        return jnp.where(free[i] & free[j], found.G[i][j], 1.0 * (i == j)) if hold_zeros else found.G[i][j]
-
-    L = cholesky([[element(i, j) for j in range(size)] for i in range(size)])
-    Z = []
-    for j in range(count):
-        column = [found.B[i][j] for i in range(size)]
-        if hold_zeros:
-            column = [jnp.where(f, b, 0.0) for f, b in zip(free, column, strict=True)]
-        Z.append(forward(L, column))
+    G, B, count = found.G, found.B, len(found.P)
+    if hold_zeros:
+        free = [k > 0.0 for k in found.k]
+        G = [[jnp.where(free[i] & free[j], g, 1.0 * (i == j)) for j, g in enumerate(row)] for i, row in enumerate(G)]
+        B = [[jnp.where(f, b, 0.0) for b in row] for f, row in zip(free, B, strict=True)]
+    L = cholesky(G)
+    Z = [forward(L, [row[j] for row in B]) for j in range(count)]
 
     def schur(i: int, j: int) -> Array:
-        return found.P[i][j] - sum((jnp.sum(a * b, 0) for a, b in zip(Z[i], Z[j], strict=True)), 0.0)
+        explained = sum((jnp.sum(a * b, 0) for a, b in zip(Z[i], Z[j], strict=True)), 0.0)
+        return found.P[i][j] * (1.0 + TINY * (i == j)) - explained
 
     return ReducedSystem([[schur(i, j) for j in range(count)] for i in range(count)], Z)

@@ -1,10 +1,10 @@
-"""Prediction: what one view shows of a block of texels, as a sum of features, and how much its samples weigh."""
+"""Prediction: a block of texels, what is fitted in it, and what one view shows of it, as a sum of features."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ..core.fields import Array
 from ..inverse.data.views import Noise
 from ..model.vectors import Vec3
-from .geometry import AbstractLightingGeometry, FixedNormalView, FreeNormalView
+from .geometry import LightingGeometry, ViewGeometry
 from .lighting import LightingSetup
 
 COEFFICIENTS = ("k_a", "k_d", "k_s")
@@ -32,10 +32,6 @@ class KnownCoefficients(eqx.Module):
     def fitted(self) -> tuple[str, ...]:
         """The names of the coefficients that are fitted."""
         return tuple(name for name in COEFFICIENTS if getattr(self, name) is None)
-
-    def without_highlight(self) -> KnownCoefficients:
-        """Return the same with k_s = 0, known."""
-        return dataclasses.replace(self, k_s=jnp.zeros_like(self.k_e))
 
 
 class Observations(eqx.Module):
@@ -56,33 +52,86 @@ class Observations(eqx.Module):
         return self.target.shape[1]
 
 
+class TexelBlock(eqx.Module):
+    """A block of texels: where they are, and what the views show of them."""
+
+    n: Vec3
+    p: Vec3 | None
+    v: Vec3
+    observed: Observations
+    log_n_s: Float[Array, " texels"]
+    """The value of log n_s where it is not fitted: the scene's, or a region's."""
+    log_n_s_error: Float[Array, " texels"]
+    """Its standard error: 0 for the scene's value."""
+
+    @property
+    def brightest(self) -> Float[Array, " texels"]:
+        """The brightest sample of each texel."""
+        target = self.observed.target.astype(float)
+        return jnp.max(jnp.where(self.observed.counts[:, None], target, 0.0), (0, 1))
+
+
+class FitOptions(NamedTuple):
+    """What is free in a fit of texels, and how residuals are weighted."""
+
+    free: tuple[str, ...]
+    loss: str
+    homoscedastic: bool
+    """Whether the noise is the same at every level."""
+    known_noise: bool
+    shared: bool = False
+    """Whether n_s belongs to a region and has been found before."""
+    narrow: bool = False
+    """Whether the lights are so close together that a highlight and a tilted normal look alike."""
+
+    def without(self, *names: str) -> FitOptions:
+        """Return the same with these names not free."""
+        return self._replace(free=tuple(name for name in self.free if name not in names))
+
+
 class TexelProblem(eqx.Module):
     """What is fitted at every texel of a block, and to what."""
 
     setup: LightingSetup
     known: KnownCoefficients
-    geometry: AbstractLightingGeometry[Any]
-    observed: Observations
+    geometry: LightingGeometry
+    block: TexelBlock
     sigma: Float[Array, ""]
     """Scale of the weighted residuals, for a robust loss."""
     stage: Int[Array, ""]
     """Index of the loss in use."""
-    losses: tuple[str, ...] = eqx.field(static=True)
-    """The losses to minimise one after another: a convex one before one that is not."""
-    homoscedastic: bool = eqx.field(static=True)
-    """Whether the noise is the same at every level."""
-    fit_exponent: bool = eqx.field(static=True)
-    """Whether n_s is fitted."""
+    options: FitOptions = eqx.field(static=True)
+
+    def without_highlight(self) -> TexelProblem:
+        """Return the same with k_s = 0, known."""
+        known = dataclasses.replace(self.known, k_s=jnp.zeros_like(self.known.k_e))
+        return dataclasses.replace(self, known=known, options=self.options.without("k_s", "n_s"))
+
+    @property
+    def observed(self) -> Observations:
+        """What the views show."""
+        return self.block.observed
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """The losses to minimise one after another: squares alone, or a convex loss and then the one asked for."""
+        loss = self.options.loss
+        return ("squares",) if loss == "squares" else tuple(dict.fromkeys(["huber", loss]))
 
     @property
     def fit_normal(self) -> bool:
         """Whether the normals are fitted."""
-        return self.geometry.fits_normal
+        return "normal" in self.options.free
+
+    @property
+    def fit_exponent(self) -> bool:
+        """Whether n_s is fitted."""
+        return "n_s" in self.options.free
 
     @property
     def reweights(self) -> bool:
         """Whether the weights depend on the prediction."""
-        return self.losses != ("squares",) or not self.homoscedastic
+        return self.options.loss != "squares" or not self.options.homoscedastic
 
     @property
     def samples(self) -> Float[Array, " texels"]:
@@ -98,7 +147,7 @@ class TexelProblem(eqx.Module):
 class ViewSlice(NamedTuple):
     """One view of a block of texels in a scan over the views."""
 
-    geometry: FreeNormalView | FixedNormalView
+    geometry: ViewGeometry
     exposure: Float[Array, ""]
     black: Float[Array, ""]
     noise: Noise | None
@@ -149,7 +198,7 @@ def sample_variance(problem: TexelProblem, view: ViewSlice, m: Array) -> Array:
     """Return the variance of one view's samples at the level m, or 1 where the noise is not known."""
     if view.noise is None:
         return jnp.ones((1, 1))
-    return view.noise.variance(jnp.zeros((1, 1)) if problem.homoscedastic else m)
+    return view.noise.variance(jnp.zeros((1, 1)) if problem.options.homoscedastic else m)
 
 
 def first_weights(problem: TexelProblem) -> Float[Array, "views _ texels"]:

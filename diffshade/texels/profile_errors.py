@@ -22,12 +22,11 @@ from ..core.fields import Array
 from ..core.robust_scale import OUTLIER
 from ..core.thresholds import SINGLE, SLIGHT, SMALL
 from ..model.vectors import Vec3, dot
-from .blocks import TexelBlock
 from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, MAX_TILT, moved, tilted
 from .linear_systems import solve
 from .minima import TexelMinima
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
-from .standard_errors import Numbers, with_ridge
+from .standard_errors import Numbers
 
 REACH = OUTLIER  # distance along the valley, in standard errors of the curvature
 
@@ -39,10 +38,10 @@ MAX_K_S_CHANGE = 1.0 / SMALL  # largest change of k_s that counts, over the brig
 
 
 def profile_errors(
-    minimum: TexelMinima, other: TexelMinima | None, block: TexelBlock, values: Numbers, errors: Numbers
+    minimum: TexelMinima, other: TexelMinima | None, values: Numbers, errors: Numbers
 ) -> dict[str, Array]:
     """Return the errors, enlarged to hold along the valley of each texel and, if given, at its `other` minimum."""
-    limit = MAX_K_S_CHANGE * block.brightest[None]
+    limit = MAX_K_S_CHANGE * minimum.problem.block.brightest[None]
     ways = _ways(minimum)
     step, fixed = (jnp.stack([jnp.stack(way) for way in each]) for each in zip(*ways, strict=True))
     both_sides = jnp.concatenate([step, -step]), jnp.concatenate([fixed, fixed])
@@ -77,7 +76,7 @@ def _required_along(minimum: TexelMinima, values: Numbers, limit: Array, step: A
 
     def improve(place: tuple[Vec3, Array], _: None) -> tuple[tuple[Vec3, Array], dict[str, Array]]:
         there = evaluate(problem, *place, minimum.descent.weight)
-        S = with_ridge(eliminate_coefficients(there, hold_zeros=True).S, there)
+        S = eliminate_coefficients(there, hold_zeros=True).S
         stiff = STIFFNESS * sum((S[i][i] for i in range(count)), jnp.zeros_like(found.x))
         S = [[S[i][j] + stiff * fixed[i] * fixed[j] for j in range(count)] for i in range(count)]
         required = _required(minimum, values, limit, place[0], there)
@@ -93,7 +92,7 @@ def _ways(minimum: TexelMinima) -> list[tuple[list[Array], list[Array]]]:
     """Return the ways along the valley: a step of the unknowns, and the combination of unknowns that it changes."""
     problem, found = minimum.problem, minimum.descent.found
     count = len(found.P)
-    S = with_ridge(eliminate_coefficients(found, hold_zeros=False).S, found)
+    S = eliminate_coefficients(found, hold_zeros=False).S
     zero, one = jnp.zeros_like(found.x), jnp.ones_like(found.x)
     ways = []
     if problem.fit_exponent:

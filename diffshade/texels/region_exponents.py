@@ -6,6 +6,7 @@ value of log n_s needs: first the costs on a grid, then slopes and curvatures fo
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 
 import jax
@@ -15,12 +16,12 @@ from jaxtyping import Float, Int
 
 from ..core.fields import Array
 from ..core.thresholds import NEGLIGIBLE
-from .blocks import FitOptions, TexelBlock, begin, geometry_of
+from .blocks import first_normals, problem_of
 from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, costs_on_grid, descend
 from .lighting import LightingSetup
 from .linear_systems import solve
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
-from .prediction import KnownCoefficients, TexelProblem
+from .prediction import FitOptions, KnownCoefficients, TexelBlock, TexelProblem, first_weights
 from .status import HIGHLIGHT_F
 
 MAX_PASSES = 12
@@ -31,9 +32,8 @@ def grid_costs(
     setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, options: FitOptions
 ) -> Float[Array, "grid texels"]:
     """Return the cost of every texel at every n_s of the grid."""
-    geometry = geometry_of(setup, block, options)
-    problem, n, weight = begin(setup, known, geometry, block, options, jnp.asarray(1.0))
-    return costs_on_grid(problem, n, weight)
+    problem = problem_of(setup, known, block, 1.0, options)
+    return costs_on_grid(problem, first_normals(problem), first_weights(problem))
 
 
 @partial(jax.jit, static_argnames="options")
@@ -46,18 +46,17 @@ def slopes(
     options: FitOptions,
 ) -> Float[Array, "4 texels"]:
     """Return each texel's slope and curvature of the reduced cost by log n_s, its squares and degrees of freedom."""
-    held, geometry = options.without("n_s"), geometry_of(setup, block, options)
-    problem, n, weight = begin(setup, known, geometry, block, held, sigma)
-    descent = descend(problem, n, block.log_n_s, weight, max_steps)
-    with_exponent, *_ = begin(setup, known, geometry, block, options, sigma)
-    found = evaluate(with_exponent, descent.found.n, block.log_n_s, descent.weight)
+    problem = problem_of(setup, known, block, sigma, options)
+    held = dataclasses.replace(problem, options=options.without("n_s"))
+    weight = first_weights(problem)
+    descent = descend(held, first_normals(problem), block.log_n_s, weight, max_steps)
+    found = evaluate(problem, descent.found.n, block.log_n_s, descent.weight)
     samples = found.share * block.observed.channels
-    freedom = jnp.where(samples > with_exponent.unknowns, samples - with_exponent.unknowns + 1.0, 0.0)
+    freedom = jnp.where(samples > problem.unknowns, samples - problem.unknowns + 1.0, 0.0)
     counts = (freedom > 0.0) & descent.converged
     if known.k_s is None:
-        problem, _, weight = begin(setup, known.without_highlight(), geometry, block, held, sigma)
         counts = counts & _shows_highlight(problem, weight, found, freedom)
-    terms = [found.slope[-1], _curvature(found, fit_normal=with_exponent.fit_normal), found.squares, freedom]
+    terms = [found.slope[-1], _curvature(found, fit_normal=problem.fit_normal), found.squares, freedom]
     return jnp.where(counts[None], jnp.stack(terms), 0.0)
 
 
@@ -72,10 +71,11 @@ def _curvature(found: NormalEquations, *, fit_normal: bool) -> Float[Array, " te
     return jnp.maximum(curvature, NEGLIGIBLE * found.P[-1][-1])
 
 
-def _shows_highlight(without: TexelProblem, weight: Array, found: NormalEquations, freedom: Array) -> Array:
+def _shows_highlight(problem: TexelProblem, weight: Array, found: NormalEquations, freedom: Array) -> Array:
     """Return where a highlight is significant; without one a texel's n_s would be fitted to noise."""
-    plain = evaluate(without, found.n, found.x, weight if found.weight is None else found.weight)
-    explained = (plain.cost - found.cost) * 2.0 / without.observed.channels
+    weight = weight if found.weight is None else found.weight
+    plain = evaluate(problem.without_highlight(), found.n, found.x, weight)
+    explained = (plain.cost - found.cost) * 2.0 / problem.observed.channels
     return explained > HIGHLIGHT_F * found.squares / jnp.maximum(freedom, 1.0)
 
 

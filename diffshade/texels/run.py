@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from ..core.thresholds import NEGLIGIBLE, SLIGHT
 from ..inverse.data.views import View
 from ..model.lobes import EXPONENT_RANGE
 from ..model.scenes import Scene
-from .blocks import FitOptions, TexelBlock, scatter_of_block
-from .checks import check_anything_left
+from .blocks import scatter_of_block
 from .descent import GRID
 from .estimates import Estimates, estimate, estimate_few
 from .light_directions import LightDistribution, light_distribution
@@ -23,12 +22,13 @@ from .lighting import lighting_setup
 from .map_arrays import MapArrays
 from .maps import TexelMaps
 from .minima import residual_sizes
-from .prediction import COEFFICIENTS, KnownCoefficients
+from .prediction import COEFFICIENTS, FitOptions, KnownCoefficients, TexelBlock
 from .region_exponents import MAX_PASSES, by_region, grid_costs, next_exponents, slopes
 from .status import TypicalResidual
 from .tile_runner import TileRunner
-from .tiles import LEARNING_SAMPLE, TexelPart, TexelTile
+from .tiles import LEARNING_SAMPLE, TexelTile
 
+T = TypeVar("T")
 FIRST_STEPS, MORE_STEPS = 8, 60  # steps at most for all texels, and for the few that have not converged then
 NOISE_SAMPLE = 2 * LEARNING_SAMPLE  # texels from which the scale of a robust loss is found
 TYPICAL_SAMPLE = 256  # texels from which the distribution of the lights and the typical residual are found
@@ -40,6 +40,23 @@ class Exponents(NamedTuple):
 
     x: Float[np.ndarray, " regions"]
     error: Float[np.ndarray, " regions"]
+
+
+def unlimited() -> TypicalResidual:
+    """Return a typical residual by which nothing is a misfit."""
+    return TypicalResidual(np.asarray(np.inf), np.asarray(np.inf))
+
+
+class Settled(NamedTuple):
+    """What is settled before texels are fitted."""
+
+    options: FitOptions
+    sigma: float = 1.0
+    """Scale of a robust loss."""
+    typical: TypicalResidual = unlimited()
+    """The residuals of typical texels, by which a misfit is recognised."""
+    exponents: Exponents | None = None
+    """Those of regions."""
 
 
 class TexelRun:
@@ -84,55 +101,44 @@ class TexelRun:
             notes: What is known before the fit.
         """
         options = self.options if lights is None else self.options._replace(narrow=lights.narrow)
-        sigma = np.asarray(1.0 if options.known_noise or options.loss == "squares" else self._noise_scale())
-        exponents = None if self.regions is None else self._region_exponents(sigma)
-        if exponents is not None:
-            options = options.without("n_s")._replace(shared=True)
-        typical = self._typical_residual(self.typical_sample, options, sigma, exponents)
-        return self._fit_all(options, sigma, typical, exponents, notes)
+        settled = Settled(options)
+        if not options.known_noise and options.loss != "squares":
+            settled = Settled(options, self._noise_scale())
+        if self.regions is not None:
+            exponents = self._region_exponents(settled.sigma)
+            settled = settled._replace(options=options.without("n_s")._replace(shared=True), exponents=exponents)
+        settled = settled._replace(typical=self._typical_residual(settled))
+        arrays = MapArrays(self.tiles, self.options.free)
+
+        def fit(_: int, tile: TexelTile) -> None:
+            found = self._fit_to_the_end(tile, settled)
+            errors = {f"{name}_error": error for name, error in found.errors.items()}
+            numbers = {"status": found.status[None], "residual": found.residual[None], **found.values, **errors}
+            arrays.write(tile.pixels, numbers)
+
+        arrays.fill(fit)
+        return arrays.maps(self.scene, notes)
 
     def estimates(self, tile: TexelTile) -> Estimates:
         """Return the estimates of a few texels, by squares, with a program that is soon compiled."""
-        options = self.options._replace(loss="squares")
-        return self._fit(tile, options, np.asarray(1.0), unlimited(), None, FIRST_STEPS, program=estimate_few)
+        return self._fit(tile, Settled(self.options._replace(loss="squares")), FIRST_STEPS, program=estimate_few)
 
-    def _fit_all(
-        self,
-        options: FitOptions,
-        sigma: np.ndarray,
-        typical: TypicalResidual,
-        exponents: Exponents | None,
-        notes: tuple[str, ...],
-    ) -> TexelMaps:
-        """Fit the tiles that are not done and return the maps of all."""
-        store, reader = self.tiles.store, self.tiles.reader
-        arrays = MapArrays(store, self.options.free, reader.shape, reader.channels)
+    def lights(self) -> LightDistribution:
+        """Return how the lights of some texels are distributed."""
+        ambient = "k_a" in self.options.free
+        if not len(self.typical_sample.pixels):
+            return light_distribution(np.zeros((3, 3, 0)))
+        return light_distribution(
+            self._each(self.typical_sample, lambda block: scatter_of_block(self.setup, block, ambient))
+        )
 
-        def fit(t: int, tile: TexelTile) -> None:
-            if len(tile.pixels):
-                arrays.write(tile.pixels, self._fit_to_the_end(tile, options, sigma, typical, exponents))
-            store.finish(t)
-
-        self.tiles.each_tile(fit, store.done, "fitted")
-        store.wait_for_all()
-        check_anything_left(arrays.arrays["status"])
-        status, residual = (store.read(name)[..., 0] for name in ("status", "residual"))
-        return TexelMaps(arrays.values(), arrays.errors(), status, residual, self.scene, reader.camera, notes)
-
-    def _fit_to_the_end(
-        self,
-        tile: TexelTile,
-        options: FitOptions,
-        sigma: np.ndarray,
-        typical: TypicalResidual,
-        exponents: Exponents | None,
-    ) -> Estimates:
+    def _fit_to_the_end(self, tile: TexelTile, settled: Settled) -> Estimates:
         """Return the estimates of a tile, with more steps for the texels that have not converged after the first."""
-        found = self._fit(tile, options, sigma, typical, exponents, FIRST_STEPS)
+        found = self._fit(tile, settled, FIRST_STEPS)
         slow = np.flatnonzero(~found.converged)
         if not len(slow):
             return found
-        again = self._fit(tile, options, sigma, typical, exponents, MORE_STEPS, slow)
+        again = self._fit(tile, settled, MORE_STEPS, slow)
 
         def replace_slow(all_texels: np.ndarray, of_slow: np.ndarray) -> None:
             all_texels[..., slow] = of_slow
@@ -143,41 +149,41 @@ class TexelRun:
     def _fit(
         self,
         tile: TexelTile,
-        options: FitOptions,
-        sigma: np.ndarray,
-        typical: TypicalResidual,
-        exponents: Exponents | None,
+        settled: Settled,
         max_steps: int,
         which: Int[np.ndarray, " m"] | None = None,
         program: Callable[..., Estimates] = estimate,
     ) -> Estimates:
         """Return the estimates of a tile, or of some of its texels."""
+        options, sigma, typical, exponents = settled
+        steps, scale = np.asarray(max_steps), np.asarray(sigma)
 
         def of_block(block: TexelBlock) -> Estimates:
-            return program(self.setup, self.known, block, sigma, typical, np.asarray(max_steps), options)
+            return program(self.setup, self.known, block, scale, typical, steps, options)
 
-        pieces = self.tiles.reader.pieces(tile, self._log_n_s_of(tile, exponents), which)
-        found = self.tiles.on_all(lambda piece: self.tiles.evaluate(of_block, piece), pieces)
-        return jax.tree.map(lambda *parts: np.concatenate(parts, -1), *found)
+        return self._each(tile, of_block, exponents, which)
 
-    def lights(self) -> LightDistribution:
-        """Return how the lights of some texels are distributed."""
-        sample = self.typical_sample
+    def _each(
+        self,
+        tile: TexelTile,
+        program: Callable[[TexelBlock], T],
+        exponents: Exponents | None = None,
+        which: Int[np.ndarray, " m"] | None = None,
+    ) -> T:
+        """Return what a program gives for the texels of a tile, or for some of them, at the exponents of their regions.
 
-        def program(block: TexelBlock) -> Float[Array, "3 3 texels"]:
-            return scatter_of_block(self.setup, block, "k_a" in self.options.free)
+        log n_s and its error are the scene's where there are none.
+        """
+        log_n_s = np.stack([np.full(len(tile.pixels), self.log_n_s), np.zeros(len(tile.pixels))])
+        if exponents is not None and self.regions is not None:
+            log_n_s = np.stack(exponents)[:, self.regions[tile.pixels]]
+        return self.tiles.each(lambda block, _: program(block), self.tiles.reader.pieces(tile, log_n_s, which))
 
-        pieces = self.tiles.reader.pieces(sample, self._log_n_s_of(sample))
-        found = self.tiles.on_all(lambda piece: self.tiles.evaluate(program, piece), pieces)
-        return light_distribution(np.concatenate([np.zeros((3, 3, 0)), *found], -1))
-
-    def _typical_residual(
-        self, sample: TexelTile, options: FitOptions, sigma: np.ndarray, exponents: Exponents | None
-    ) -> TypicalResidual:
+    def _typical_residual(self, settled: Settled) -> TypicalResidual:
         """Return the median residual variance of some texels; infinite where none has degrees of freedom."""
-        if not len(sample.pixels):
+        if not len(self.typical_sample.pixels):
             return unlimited()
-        found = self._fit(sample, options, sigma, unlimited(), exponents, FIRST_STEPS)
+        found = self._fit(self.typical_sample, settled, FIRST_STEPS)
         usable = np.isfinite(found.variance) & (found.level > 0.0)
         if not usable.any():
             return unlimited()
@@ -189,36 +195,29 @@ class TexelRun:
         self.tiles.report_progress("judging the residuals")
         sample = self.tiles.reader.sample(NOISE_SAMPLE)
         sigma, options = 1.0, self.options._replace(loss="squares")
+        if not len(sample.pixels):
+            return sigma
+
+        def sizes(block: TexelBlock) -> Float[np.ndarray, "views texels"]:
+            return residual_sizes(self.setup, self.known, block, np.asarray(sigma), np.asarray(MORE_STEPS), options)
+
         for _ in range(SCALE_ROUNDS):
-            sizes = self._residual_sizes(sample, options, sigma)
-            new = float(np.median(sizes)) if len(sizes) else 1.0
+            new = float(np.median(self._each(sample, sizes)[sample.counts]))
             if abs(new - sigma) <= SLIGHT * new:
                 break
             sigma, options = max(new, np.finfo(float).eps), self.options._replace(loss="huber")
         return sigma
 
-    def _residual_sizes(self, tile: TexelTile, options: FitOptions, sigma: float) -> Float[np.ndarray, " observations"]:
-        """Return the size of the residual of each observation of a tile that counts."""
-
-        def program(block: TexelBlock) -> Float[np.ndarray, "views texels"]:
-            return residual_sizes(self.setup, self.known, block, np.asarray(sigma), np.asarray(MORE_STEPS), options)
-
-        def of_piece(piece: TexelPart) -> Float[np.ndarray, " observations"]:
-            return self.tiles.evaluate(program, piece)[tile.counts[:, piece.part]]
-
-        found = self.tiles.on_all(of_piece, self.tiles.reader.pieces(tile, self._log_n_s_of(tile)))
-        return np.concatenate(found or [np.zeros(0)])
-
-    def _region_exponents(self, sigma: np.ndarray) -> Exponents:
+    def _region_exponents(self, sigma: float) -> Exponents:
         """Return log n_s of each region: the best of the grid, then Gauss-Newton steps over all tiles."""
         assert self.regions is not None
-        regions, max_steps = int(self.regions.max()) + 1, np.asarray(MORE_STEPS)
+        regions, scale, max_steps = int(self.regions.max()) + 1, np.asarray(sigma), np.asarray(MORE_STEPS)
 
         def costs(block: TexelBlock) -> Float[np.ndarray, "grid texels"]:
             return grid_costs(self.setup, self.known, block, self.options)
 
         def steps(block: TexelBlock) -> Float[np.ndarray, "4 texels"]:
-            return slopes(self.setup, self.known, block, sigma, max_steps, self.options)
+            return slopes(self.setup, self.known, block, scale, max_steps, self.options)
 
         zero = np.zeros(regions)
         unknown = Exponents(np.full(regions, self.log_n_s), zero)
@@ -240,28 +239,10 @@ class TexelRun:
         assert region_of is not None
 
         def of_tile(tile: TexelTile) -> np.ndarray:
-            region = region_of[tile.pixels]
-
-            def of_piece(piece: TexelPart) -> np.ndarray:
-                return by_region(self.tiles.evaluate(program, piece), region[piece.part], regions)
-
-            pieces = self.tiles.reader.pieces(tile, self._log_n_s_of(tile, exponents))  # none without the object
-            return sum(self.tiles.on_all(of_piece, pieces), np.zeros((rows, regions)))
+            return by_region(self._each(tile, program, exponents), region_of[tile.pixels], regions)
 
         verb = f"n_s of the regions, {name.replace('_', ' ')}:"
         return self.tiles.sum_over_tiles(name, (rows, regions), of_tile, verb)
-
-    def _log_n_s_of(self, tile: TexelTile, exponents: Exponents | None = None) -> Float[np.ndarray, "2 n"]:
-        """Return log n_s of each texel where it is not fitted, and its error: those of its region, or the scene's."""
-        if exponents is not None and self.regions is not None:
-            region = self.regions[tile.pixels]
-            return np.stack([exponents.x[region], exponents.error[region]])
-        return np.stack([np.full(len(tile.pixels), self.log_n_s), np.zeros(len(tile.pixels))])
-
-
-def unlimited() -> TypicalResidual:
-    """Return a typical residual by which nothing is a misfit."""
-    return TypicalResidual(np.asarray(np.inf), np.asarray(np.inf))
 
 
 def known_coefficients(scene: Scene, free: tuple[str, ...], channels: int) -> KnownCoefficients:

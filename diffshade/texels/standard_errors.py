@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ..core.fields import Array
-from ..core.thresholds import DEGREE, SLIGHT, TINY, VAGUE
-from .blocks import FitOptions, TexelBlock
+from ..core.thresholds import DEGREE, SLIGHT, VAGUE
+from .light_directions import out_of_plane, scatter
 from .linear_systems import inverse_diagonal
 from .minima import TexelMinima
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
@@ -30,65 +30,56 @@ class NamedNumbers(NamedTuple):
     """Whether the coefficients but k_s can be separated from each other and from the rest."""
 
 
-def named_numbers(minimum: TexelMinima, block: TexelBlock, options: FitOptions) -> NamedNumbers:
+def named_numbers(minimum: TexelMinima) -> NamedNumbers:
     """Return the numbers of a minimum and their standard errors."""
-    problem, found = minimum.problem, minimum.descent.found
-    deviations = _deviations(minimum, block, options)
+    problem, found, block = minimum.problem, minimum.descent.found, minimum.problem.block
+    coefficients, rest, separable = _deviations(minimum)
     values = dict(zip(problem.known.fitted, found.k, strict=True))
-    errors = dict(zip(problem.known.fitted, deviations.coefficients, strict=True))
+    errors = dict(zip(problem.known.fitted, coefficients, strict=True))
     if problem.fit_exponent:
         values["n_s"] = jnp.exp(found.x)[None]
-        errors["n_s"] = values["n_s"] * deviations.rest[-1][None]
-    elif options.shared:
+        errors["n_s"] = values["n_s"] * rest[-1][None]
+    elif problem.options.shared:
         values["n_s"] = jnp.exp(block.log_n_s)[None]
         errors["n_s"] = values["n_s"] * block.log_n_s_error[None]
     if problem.fit_normal:
         values["normal"] = jnp.stack([found.n.x, found.n.y, found.n.z])
-        errors["normal"] = jnp.rad2deg(jnp.sqrt(deviations.rest[0] ** 2 + deviations.rest[1] ** 2))[None]
+        errors["normal"] = jnp.rad2deg(jnp.sqrt(rest[0] ** 2 + rest[1] ** 2))[None]
+        lights, exposure, ambient = problem.geometry, problem.setup.exposure, "k_a" in problem.known.fitted
+        S = scatter(lights.l, lights.strength, exposure, minimum.descent.weight, found.n, ambient=ambient)
         for name in {"k_d", "normal"} & errors.keys():  # coplanar lights: infinite, whatever the linear theory gives
-            errors[name] = jnp.where((minimum.out_of_plane > DEGREE)[None], errors[name], jnp.inf)
-    return NamedNumbers(values, errors, deviations.separable)
+            errors[name] = jnp.where((out_of_plane(S) > DEGREE)[None], errors[name], jnp.inf)
+    return NamedNumbers(values, errors, separable)
 
 
-class _Deviations(NamedTuple):
-    """Standard deviations of the unknowns."""
+def _deviations(minimum: TexelMinima) -> tuple[Sequence[Array], Sequence[Array], Bool[Array, " texels"]]:
+    """Return the standard deviations of the coefficients and of the other unknowns, and where they can be separated.
 
-    coefficients: Sequence[Float[Array, "channels texels"]]
-    rest: Sequence[Float[Array, " texels"]]
-    """Of the tilts of the normal and of log n_s."""
-    separable: Bool[Array, " texels"]
-
-
-def _deviations(minimum: TexelMinima, block: TexelBlock, options: FitOptions) -> _Deviations:
-    """Return the root of variance times the diagonal of the inverse normal equations, no coefficient held at 0."""
-    found, region = _with_region_exponent(minimum, options)
-    size = len(found.k)
-    joint = _joint_system(minimum, found, block if region else None)
+    They are the roots of variance times the diagonal of the inverse normal equations, no coefficient held at 0.
+    """
+    problem, found, size = minimum.problem, minimum.descent.found, len(minimum.descent.found.k)
+    log_n_s_error = None
+    if problem.options.shared and problem.known.k_s is None:  # a region's n_s is an unknown of its texels too
+        free = dataclasses.replace(problem, options=problem.options._replace(free=(*problem.options.free, "n_s")))
+        there = evaluate(free, found.n, found.x, minimum.descent.weight)
+        found, log_n_s_error = dataclasses.replace(found, B=there.B, P=there.P), problem.block.log_n_s_error
+    joint = _joint_system(minimum, found, log_n_s_error)
     inverse = inverse_diagonal(joint)
     deviation = [jnp.sqrt(minimum.variance[None] * v) for v in inverse]
-    separable = _separable(minimum, joint, inverse, deviation)
-    return _Deviations(deviation[:size], [d[0] for d in deviation[size:]], separable)
+    return deviation[:size], [d[0] for d in deviation[size:]], _separable(minimum, joint, inverse, deviation)
 
 
-def _with_region_exponent(minimum: TexelMinima, options: FitOptions) -> tuple[NormalEquations, bool]:
-    """Return the normal equations, with a region's n_s as an unknown of the texel, and whether there is one."""
-    problem, found = minimum.problem, minimum.descent.found
-    if not options.shared or problem.fit_exponent or problem.known.k_s is not None:
-        return found, False
-    with_exponent = evaluate(dataclasses.replace(problem, fit_exponent=True), found.n, found.x, minimum.descent.weight)
-    return dataclasses.replace(found, B=with_exponent.B, P=with_exponent.P), True
-
-
-def _joint_system(minimum: TexelMinima, found: NormalEquations, block: TexelBlock | None) -> list[list[Array]]:
+def _joint_system(
+    minimum: TexelMinima, found: NormalEquations, log_n_s_error: Float[Array, " texels"] | None
+) -> list[list[Array]]:
     """Return, for each channel, the normal equations of its coefficients and of the unknowns that channels share.
 
-    The other channels' coefficients are eliminated. `block` adds what its region knows of n_s, the last unknown.
+    The other channels' coefficients are eliminated. `log_n_s_error` is what its region knows of n_s, the last unknown.
     """
     size, count = len(found.k), len(found.P)
-    reduced = eliminate_coefficients(found, hold_zeros=False)
-    S, Z = with_ridge(reduced.S, found), reduced.Z
-    if block is not None:
-        precision = minimum.variance / jnp.maximum(block.log_n_s_error, 1e-12) ** 2
+    S, Z = eliminate_coefficients(found, hold_zeros=False)
+    if log_n_s_error is not None:
+        precision = minimum.variance / jnp.maximum(log_n_s_error, 1e-12) ** 2
         S[-1][-1] = jnp.maximum(S[-1][-1], jnp.where(jnp.isfinite(precision), precision, 0.0))
     # undo the elimination for the channel itself: S + Z^T Z
     corner = [
@@ -118,8 +109,3 @@ def _separable(
         if name != "k_s":
             separable = separable & ~((deviation[i] > VAGUE * largest[None]) & inflated).any(0)
     return separable
-
-
-def with_ridge(S: Sequence[Sequence[Array]], found: NormalEquations) -> list[list[Array]]:
-    """Return the reduced system with a small ridge, relative to the curvature of each unknown alone."""
-    return [[a + (TINY * found.P[i][i] if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(S)]

@@ -50,11 +50,11 @@ def highlight_is_significant(full: TexelMinima, plain: TexelMinima) -> Bool[Arra
     return (explained > HIGHLIGHT_F * jnp.where(full.variance > 0.0, full.variance, 0.0)) & (full.freedom > 0.0)
 
 
-def highlight_is_plausible(full: TexelMinima, brightest: Array) -> Bool[Array, " texels"]:
+def highlight_is_plausible(full: TexelMinima) -> Bool[Array, " texels"]:
     """Return where the fit with a highlight converged to a k_s that is not out of all proportion."""
     found = full.descent.found
     k_s = found.k[full.problem.known.fitted.index("k_s")]
-    in_proportion = (k_s < MAX_RELATIVE_K_S * brightest[None]).all(0)
+    in_proportion = (k_s < MAX_RELATIVE_K_S * full.problem.block.brightest[None]).all(0)
     return in_proportion & full.descent.converged & (found.cost < LARGEST)
 
 

@@ -17,7 +17,7 @@ from ..model.scenes import Scene
 from ..parallel.devices import DeviceGroup
 from ..parallel.run_store import RunStore
 from ..parallel.threads import on_all_cores, one_ahead
-from .blocks import TexelBlock
+from .prediction import TexelBlock
 from .tiles import SQUARE, TexelPart, TexelTile, ViewReader
 
 S = TypeVar("S")
@@ -82,26 +82,29 @@ class TileRunner:
         return t * self.store.rows, min((t + 1) * self.store.rows, self.reader.shape[0])
 
     def each_tile(
-        self, work: Callable[[int, TexelTile], None], done: np.ndarray, verb: str, *, margin: int = 0
+        self, work: Callable[[int, TexelTile], None], verb: str, *, done: str = "done", margin: int = 0
     ) -> None:
-        """Read every tile of this process that is not done, and call `work(index, tile)`, which marks it as done.
+        """Read every tile of this process that is not done, call `work(index, tile)` if it has texels, and store that.
 
         Args:
             work: What to do with a tile.
-            done: Which tiles are done.
             verb: What is being done, for the progress.
+            done: Name of the array that says which tiles are done.
             margin: Rows of the neighbouring tiles, above and below, that are read as well.
         """
         height, rows = self.reader.shape[0], self.store.rows
+        finished = self.store.array(done, (self.count,), np.uint8)
         own = self.own
-        todo = [t for t in own if not done[t]]
+        todo = [t for t in own if not finished[t]]
 
         def read(t: int) -> tuple[int, TexelTile]:
             first, last = self.rows_of(t)
             return t, self.reader.read(max(first - margin, 0), min(last + margin, height), rows + 2 * margin)
 
         for k, (t, tile) in enumerate(one_ahead(read, todo)):
-            work(t, tile)
+            if len(tile.pixels):
+                work(t, tile)
+            self.store.finish(t, done)
             self.report_progress(verb, (len(own) - len(todo) + k + 1) / len(own))
 
     def on_all(self, work: Callable[[S], T], pieces: Sequence[S]) -> list[T]:
@@ -117,23 +120,25 @@ class TileRunner:
 
         return on_all_cores(on_device, list(enumerate(pieces)))
 
-    def evaluate(self, program: Callable[[TexelBlock], T], piece: TexelPart) -> T:
-        """Return what a compiled program gives for a piece, as NumPy arrays without the padding."""
-        found = program(self.reader.lay_out(piece))
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(piece.part)], found)
+    def each(self, program: Callable[[TexelBlock, TexelPart], T], pieces: Sequence[TexelPart]) -> T:
+        """Return what a compiled program gives for pieces, one after another, as NumPy arrays without the padding."""
+
+        def of_piece(piece: TexelPart) -> T:
+            found = program(self.reader.lay_out(piece), piece)
+            return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(piece.part)], found)
+
+        return jax.tree.map(lambda *parts: np.concatenate(parts, -1), *self.on_all(of_piece, pieces))
 
     def sum_over_tiles(
         self, name: str, shape: tuple[int, ...], of_tile: Callable[[TexelTile], np.ndarray], verb: str
     ) -> Float[np.ndarray, "..."]:
         """Return the sum of an array over all tiles; each tile's share is stored under `name`, for a resumed run."""
         shares = self.store.array(f"{name}_sums", (self.count, *shape), np.float64)
-        done = self.store.array(f"{name}_done", (self.count,), np.uint8)
 
         def add(t: int, tile: TexelTile) -> None:
             shares[t] = of_tile(tile)
-            self.store.finish(t, name=f"{name}_done")
 
-        self.each_tile(add, done, verb)
+        self.each_tile(add, verb, done=f"{name}_done")
         if self.device_group is None or not self.device_group.several:
             return shares.sum(0)
         mine = np.zeros(shape) + sum(shares[t] for t in self.own)

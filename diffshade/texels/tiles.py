@@ -24,8 +24,7 @@ from ..model.gbuffers import GBuffer
 from ..model.scenes import Scene
 from ..model.surfaces import AbstractSurface
 from ..model.vectors import Vec3
-from .blocks import TexelBlock
-from .prediction import Observations
+from .prediction import Observations, TexelBlock
 
 SAMPLED_ROWS = 64  # rows from which a sample of texels is taken
 MAX_OF_ROW = 4  # times its even share that a row may have of a sample
@@ -80,6 +79,12 @@ class TexelPart(NamedTuple):
     """Texels of the block, padding included."""
     log_n_s: Float[np.ndarray, "2 n"]
     """log n_s of all texels of the tile where it is not fitted, and its standard error."""
+    region: int = 0
+
+    @property
+    def padded(self) -> Int[np.ndarray, " size"]:
+        """The indices with those of the padding, which repeats the first texel."""
+        return np.concatenate([self.part, np.full(self.size - len(self.part), self.part[0])])
 
 
 class ViewReader:
@@ -196,7 +201,7 @@ class ViewReader:
         """Return the block of a piece, padded with texels that no view counts."""
         tile, part, size = piece.tile, piece.part, piece.size
         whole = len(part) == size and part[-1] - part[0] == size - 1  # a slice then serves, and makes no copy
-        padded = slice(part[0], part[-1] + 1) if whole else np.concatenate([part, np.full(size - len(part), part[0])])
+        padded = slice(part[0], part[-1] + 1) if whole else piece.padded
         counts = tile.counts[:, padded]
         if not whole:
             counts[:, len(part) :] = False
@@ -204,14 +209,14 @@ class ViewReader:
         p = None if tile.position is None else Vec3(*tile.position[padded].T)
         v = self.projection.viewer(None)
         if self.camera.local_viewer and p is not None:
-            to_eye = Vec3(*(np.asarray(e) - c for e, c in zip(_parts(self.projection.eye), _parts(p), strict=True)))
-            length = np.sqrt(to_eye.x**2 + to_eye.y**2 + to_eye.z**2)
-            v = Vec3(*(c / np.where(length > 0, length, 1.0) for c in _parts(to_eye)))
+            v = _viewer(self.projection, p)
         return TexelBlock(n, p, v, Observations(tile.target[..., padded], counts), *piece.log_n_s[:, padded])
 
 
-def _parts(v: Vec3) -> tuple[Array, Array, Array]:
-    return v.x, v.y, v.z
+@jax.jit
+def _viewer(projection: Projection, p: Vec3) -> Vec3:
+    """Return the directions from points to the camera."""
+    return projection.viewer(p)
 
 
 @jax.jit

@@ -14,15 +14,13 @@ from ...core.robust_scale import OUTLIER
 from ...core.thresholds import TINY
 from ...model.vectors import Vec3
 from ..between_lights import BetweenLights
-from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..lighting import LightingSetup
-from ..prediction import KnownCoefficients
-from .block_fits import FEW_STEPS, lowest_state
+from ..prediction import KnownCoefficients, TexelBlock
+from .block_fits import FEW_STEPS
 from .candidates import weighted_coefficients
 from .learning import ObjectModel
-from .observations import BlockObservations, Lights, observe, reflectances
-from .reflection_shape import ReflectionShape
+from .observations import BlockObservations, reflectances
 from .robust_descent import around, begin
 
 
@@ -38,52 +36,31 @@ class BlockCoefficients(NamedTuple):
     counts: Bool[Array, "views texels"]
     level: Float[Array, " texels"]
     """Mean reflectance of all observations."""
-    kept: Float[Array, "channels parts texels"] | None
-    """What is kept of what the views show beyond the model, as a reflectance."""
-
-
-def coefficients_of(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    block: TexelBlock,
-    model: ObjectModel,
-    n: Float[Array, "3 texels"],
-    brightest: Float[Array, ""],
-    taken: Float[Array, "parts lights"] | None,
-    between: BetweenLights | None = None,
-) -> BlockCoefficients:
-    """Return k_d and k_s of each channel for normals that are known, by reweighted squares.
-
-    Args:
-        setup: The lights of the views.
-        known: The coefficients that are not fitted.
-        block: The texels.
-        model: What the object's texels have in common.
-        n: The normals.
-        brightest: The largest k_s: no highlight is taken to be brighter than the brightest thing that was seen.
-        taken: What is kept of the residuals of a texel, as products with them.
-        between: How residuals under further lights are predicted; None where there are only those of the views.
-    """
-    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
-    found, beyond = _coefficients(setup, known, block, observed, model, n, brightest)
-    if taken is None:
-        return found
-    return found._replace(kept=_kept(observed, model, n, found, beyond, taken, between))
 
 
 @jax.jit
-def _coefficients(
+def coefficients_of(
     setup: LightingSetup,
     known: KnownCoefficients,
     block: TexelBlock,
     observed: BlockObservations,
     model: ObjectModel,
-    n: Float[Array, "3 texels"],
+    n: Vec3,
     brightest: Float[Array, ""],
 ) -> tuple[BlockCoefficients, Float[Array, "views channels texels"]]:
-    """Return the coefficients, and what the views show beyond them by Lambert's law, as a reflectance."""
+    """Return k_d and k_s of each channel, and what the views show beyond them by Lambert's law, as a reflectance.
+
+    Args:
+        setup: The lights of the views.
+        known: The coefficients that are not fitted.
+        block: The texels.
+        observed: What the views show of them.
+        model: What the object's texels have in common.
+        n: The normals, which are known.
+        brightest: The largest k_s: no highlight is taken to be brighter than the brightest thing that was seen.
+    """
     weighing = model.weighing(observed.level)
-    state = begin(observed, model.shape, weighing, Vec3(*n))
+    state = begin(observed, model.shape, weighing, n)
     here = around(observed, model.shape, weighing, state)
     ridge = weighing.ridge * weighing.scale**2
     _, _, D, S = here.J
@@ -109,52 +86,40 @@ def _coefficients(
         )
     residual = jnp.sqrt(jnp.sum(squared, (0, 1)) / samples)
     doubted = observed.counts & (jnp.abs(here.residual) > OUTLIER * weighing.scale[None] / model.softness)
-    return BlockCoefficients(k_d, k_s, residual, doubted, observed.counts, observed.level, None), beyond
+    return BlockCoefficients(k_d, k_s, residual, doubted, observed.counts, observed.level), beyond
 
 
 @jax.jit
-def _kept(
+def kept_of(
     observed: BlockObservations,
     model: ObjectModel,
-    n: Float[Array, "3 texels"],
+    n: Vec3,
     of: BlockCoefficients,
     beyond: Float[Array, "views channels texels"],
     taken: Float[Array, "parts lights"],
     between: BetweenLights | None,
 ) -> Float[Array, "channels parts texels"]:
-    """Return what is kept of what the views show beyond the model."""
+    """Return what is kept of what the views show beyond the model.
+
+    Args:
+        observed: What the views show.
+        model: What the object's texels have in common.
+        n: The normals.
+        of: The coefficients.
+        beyond: What is beyond the model.
+        taken: What is kept of a texel, as products with it.
+        between: How what is beyond is predicted under further lights; None where there are only those of the views.
+    """
     if between is not None:
-        beyond = between.beyond(beyond, _under(between.toward, observed.lights, model.shape, Vec3(*n), of.k_d, of.k_s))
+        beyond = between.beyond(beyond, shown_under(between.toward, observed, model, n, of))
     return jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)
 
 
-class Shown(NamedTuple):
-    """What the model has under some lights, and what the views show beyond it, as reflectances."""
-
-    model: Float[Array, "lights channels texels"]
-    beyond: Float[Array, "views channels texels"]
-
-
-def shown_by(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    block: TexelBlock,
-    model: ObjectModel,
-    brightest: Float[Array, ""],
-    toward: Float[Array, "lights 3"],
-) -> Shown:
-    """Return what the views show beyond the model at the minimum of each texel, and the model under distant lights."""
-    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
-    n = lowest_state(observed, model).n
-    k, beyond = _coefficients(setup, known, block, observed, model, jnp.stack([n.x, n.y, n.z]), brightest)
-    return Shown(_under(toward, observed.lights, model.shape, n, k.k_d, k.k_s), beyond)
-
-
 @jax.jit
-def _under(
-    toward: Float[Array, "lights 3"], lights: Lights, shape: ReflectionShape, n: Vec3, k_d: Array, k_s: Array
+def shown_under(
+    toward: Float[Array, "lights 3"], observed: BlockObservations, model: ObjectModel, n: Vec3, of: BlockCoefficients
 ) -> Float[Array, "lights channels texels"]:
     """Return the model's reflectance under distant lights."""
     l = Vec3(*jnp.asarray(toward, jnp.float32).T[..., None, None])
-    D, S = eqx.tree_at(lambda of: of.l, lights, l).shading(shape.of_lambert, n)
-    return k_d[None] * D[:, None] + k_s[None] * S[:, None]
+    D, S = eqx.tree_at(lambda lights: lights.l, observed.lights, l).shading(model.shape.of_lambert, n)
+    return of.k_d[None] * D[:, None] + of.k_s[None] * S[:, None]

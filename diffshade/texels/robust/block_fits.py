@@ -21,7 +21,7 @@ from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
 from .candidates import lowest_minima
 from .learning import RIDGE, SHARPNESS, ObjectModel
-from .observations import BlockObservations, observe, reflectances
+from .observations import BlockObservations, reflectances
 from .reflection_shape import ReflectionShape
 from .robust_descent import DescentState, Local, Weighing, around, begin, descend, lowest, system
 
@@ -69,28 +69,8 @@ def lowest_two(observed: BlockObservations, model: ObjectModel) -> DescentState:
     return lowest(jax.vmap(further)(few), FEW_STARTS)
 
 
-def normals_of(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    block: TexelBlock,
-    model: ObjectModel,
-    light_error: LightErrors,
-) -> Normals:
-    """Return the normals of a block.
-
-    Args:
-        setup: The lights of the views.
-        known: The coefficients that are not fitted.
-        block: The texels.
-        model: What the object's texels have in common.
-        light_error: How well each view's lights are known.
-    """
-    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
-    return _with_spread(setup, block, observed, model, lowest_two(observed, model), light_error)
-
-
 @jax.jit
-def _with_spread(
+def normals_of(
     setup: LightingSetup,
     block: TexelBlock,
     observed: BlockObservations,
@@ -113,26 +93,15 @@ def _with_spread(
     reached = observed.lights.reach(state.n) & observed.counts
     weight = jnp.where(observed.counts, 1.0, 0.0)[:, None]
     geometry = lighting_geometry(setup, block.p, block.v)
-    S = scatter(
-        geometry.l,
-        geometry.strength,
-        setup.exposure,
-        weight,
-        jax.tree.map(lambda c: c.astype(float), state.n),
-        ambient=False,
-    )
-    spread = jnp.stack([jnp.sqrt(tilt_a + tilt_b), jnp.sqrt(k_d) * observed.level, jnp.sqrt(k_s) * observed.level])
-    by_lights = _by_lights(observed, model.shape, weighing, state, A, here.J, here.weight, light_error)
-    n = jnp.stack([state.n.x, state.n.y, state.n.z])
-    lit = jnp.sum(reached, 0, dtype=jnp.float32)
-    turned_by = by_bounce(observed, model, state, A, here)
+    n = jax.tree.map(lambda c: c.astype(float), state.n)
+    S = scatter(geometry.l, geometry.strength, setup.exposure, weight, n, ambient=False)
     return Normals(
-        n,
-        spread,
-        by_lights,
-        lit,
+        jnp.stack([state.n.x, state.n.y, state.n.z]),
+        jnp.stack([jnp.sqrt(tilt_a + tilt_b), jnp.sqrt(k_d) * observed.level, jnp.sqrt(k_s) * observed.level]),
+        _by_lights(observed, model.shape, weighing, state, A, here, light_error),
+        jnp.sum(reached, 0, dtype=jnp.float32),
         out_of_plane(S),
-        turned_by,
+        by_bounce(observed, model, state, A, here),
         _brighter(observed, here),
         _by_choice(model, state, other),
     )
@@ -176,12 +145,11 @@ def _by_lights(
     weighing: Weighing,
     state: DescentState,
     A: list[list[Array]],
-    J: tuple[Array, ...],
-    weight: Array,
+    here: Local,
     light_error: LightErrors,
 ) -> Float[Array, " texels"]:
     """Return the standard deviation of the normals about each axis that follows from the errors of the lights."""
-    lights = observed.lights
+    lights, J, weight = observed.lights, here.J, here.weight
 
     def shown(l: Vec3) -> Array:
         D, S = eqx.tree_at(lambda one: one.l, lights, l).shading(shape, state.n)
@@ -207,35 +175,20 @@ def _by_lights(
     return jnp.sqrt(squares / 2.0)
 
 
-class Reflectances(NamedTuple):
-    """What the views show of a block, as reflectances."""
-
-    beyond: Float[Array, "views texels"]
-    """More than the maps' model has, with Lambert's law, at the minimum of each texel, grey."""
-    brightest: Float[Array, " texels"]
-    """Largest of all views and channels."""
-
-
-def seen_by(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, model: ObjectModel) -> Reflectances:
-    """Return what the views show of a block."""
-    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
-    return _seen(setup, known, block, observed, model, lowest_state(observed, model))
+@jax.jit
+def brightest_of(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> Float[Array, " texels"]:
+    """Return the largest reflectance that any view and channel shows of each texel."""
+    shown, arriving = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
+    reached = block.observed.counts & (arriving > 0.0).all(1)
+    return jnp.max(jnp.where(reached[:, None], shown, 0.0), (0, 1))
 
 
 @jax.jit
-def _seen(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    block: TexelBlock,
-    observed: BlockObservations,
-    model: ObjectModel,
-    state: DescentState,
-) -> Reflectances:
+def beyond_grey(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Float[Array, "views texels"]:
+    """Return what the views show beyond the maps' model, with Lambert's law, as a grey reflectance."""
     D, S = observed.lights.shading(model.shape.of_lambert, state.n)
     beyond = observed.y - state.k_d[None] * D - state.k_s[None] * S
-    shown, _ = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
-    brightest = jnp.max(jnp.where(observed.counts[:, None], shown, 0.0), (0, 1))
-    return Reflectances(jnp.where(observed.counts, beyond * observed.level[None], 0.0), brightest)
+    return jnp.where(observed.counts, beyond * observed.level[None], 0.0)
 
 
 class Turned(NamedTuple):
@@ -249,15 +202,8 @@ class Turned(NamedTuple):
     """Share of the part's views whose lights reach the texel."""
 
 
-def turned(
-    setup: LightingSetup,
-    known: KnownCoefficients,
-    block: TexelBlock,
-    model: ObjectModel,
-    parts: Bool[np.ndarray, "parts views"],
-) -> Turned:
+def turned(observed: BlockObservations, model: ObjectModel, parts: Bool[np.ndarray, "parts views"]) -> Turned:
     """Return by how much the numbers of a block change when each part of the views is fitted alone."""
-    observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     whole = lowest_state(observed, model)
     each = [_change(observed, whole, lowest_state(seen_in(observed, part[:, None]), model), part) for part in parts]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)

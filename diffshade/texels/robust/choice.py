@@ -28,7 +28,7 @@ from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .calibration import GROUPS
 from .learning import Assumptions, ObjectModel, every_assumption, first_model, learned
-from .observations import BlockObservations, observe
+from .observations import BlockObservations
 from .reflection_shape import lobe_taken
 from .robust_descent import DescentState
 from .texel_work import BLOCK, TexelWork
@@ -105,7 +105,7 @@ def errors_of_shared(work: TexelWork, sample: TexelTile, models: Sequence[Object
     seen = views_seen(sample)
 
     def program(block: TexelBlock, model: ObjectModel, seen: np.ndarray | None) -> tuple[Array, Array]:
-        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        observed = work.observed(block, model)
         state = lowest_state(seen_in(observed, np.asarray(seen) > 0.0), model)
         return _error_of_shared(observed, model, state), observed.counts
 
@@ -136,7 +136,7 @@ def own_exponents_predict_better(
 
     def program(block: TexelBlock, model: ObjectModel, own: np.ndarray | None) -> tuple[Array, Array]:
         assert own is not None
-        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        observed = work.observed(block, model)
         return _error_of_own(observed, lobe, own), observed.counts
 
     by_own = _mean_of_views(*work.each(sample, program, models, numbers), seen)

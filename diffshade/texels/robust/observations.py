@@ -19,7 +19,7 @@ from ...core.thresholds import SMALL
 from ...model.lobes import AbstractPowerLobe
 from ...model.vectors import Vec3, dot
 from ..blocks import TexelBlock, reflected
-from ..geometry import FreeNormalGeometry, lighting_geometry
+from ..geometry import LightingGeometry, lighting_geometry
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from .reflection_shape import ReflectionShape, powers_of
@@ -118,7 +118,7 @@ class BlockObservations(eqx.Module):
 
 
 def reflectances(
-    setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, geometry: FreeNormalGeometry
+    setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, geometry: LightingGeometry
 ) -> tuple[Float[Array, "views channels texels"], Float[Array, "views channels texels"]]:
     """Return what the views show for each unit of light that arrives, and that light."""
     arriving = jnp.sum(geometry.strength, 2)

@@ -5,6 +5,7 @@ $$ \min \sum \rho((k_d D + k_s S - y) / s) + \lambda k_s^2, \quad k_d, k_s \ge 0
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,8 +16,8 @@ from jaxtyping import Float
 from ...core.barriers import stored
 from ...core.fields import Array
 from ...inverse.forward.losses import LOSSES
-from ...model.vectors import Vec3, normalize, tangents_of
-from ..descent import FAR
+from ...model.vectors import Vec3, tangents_of
+from ..descent import FAR, tilted
 from ..linear_systems import solve
 from .candidates import weighted_coefficients
 from .observations import BlockObservations
@@ -81,7 +82,7 @@ def descend(
         tried = _stepped(state, A, g, damping)
         there = system(observed, shape, weighing, tried)
         better = there.cost < state.cost
-        tried = DescentState(tried.n, tried.k_d, tried.k_s, there.cost)
+        tried = dataclasses.replace(tried, cost=there.cost)
         state, A, g = jax.tree.map(
             lambda new, old: jnp.where(better, new, old), (tried, there.A, there.g), (state, A, g)
         )
@@ -89,7 +90,7 @@ def descend(
 
     # by equations of zeros the first step is of length 0, and it is taken: it evaluates the start
     zero = jnp.zeros_like(start.k_d)
-    begun = eqx.tree_at(lambda of: of.cost, start, jnp.full_like(zero, jnp.inf))
+    begun = dataclasses.replace(start, cost=jnp.full_like(zero, jnp.inf))
     damping = jnp.full_like(zero, FAR / LESS_DAMPING)
     return jax.lax.fori_loop(0, steps + 1, step, (begun, [[zero] * 4] * 4, [zero] * 4, damping))[0]
 
@@ -129,21 +130,15 @@ def system(observed: BlockObservations, shape: ReflectionShape, weighing: Weighi
 
 def _stepped(state: DescentState, A: list[list[Array]], g: list[Array], damping: Array) -> DescentState:
     """Return the state after one damped step; a coefficient that is 0 and would fall stays."""
-    held = [None, None, (state.k_d <= 0.0) & (g[2] > 0.0), (state.k_s <= 0.0) & (g[3] > 0.0)]
+    never = jnp.zeros(state.k_d.shape, bool)
+    held = [never, never, (state.k_d <= 0.0) & (g[2] > 0.0), (state.k_s <= 0.0) & (g[3] > 0.0)]
 
     def element(i: int, j: int) -> Array:
-        if i == j:
-            return A[i][i] * (1.0 + damping) + 1e-7
-        found = A[i][j]
-        for h in (held[i], held[j]):
-            found = found if h is None else jnp.where(h, 0.0, found)
-        return found
+        return A[i][i] * (1.0 + damping) + 1e-7 if i == j else jnp.where(held[i] | held[j], 0.0, A[i][j])
 
-    right = [-g[i] if (h := held[i]) is None else jnp.where(h, 0.0, -g[i]) for i in range(4)]
-    a, b, k_d, k_s = solve([[element(i, j) for j in range(4)] for i in range(4)], right)
-    shorter = jnp.minimum(1.0, MAX_TILT / (jnp.sqrt(a * a + b * b) + 1e-9))
-    s, t = tangents_of(state.n)
-    n = normalize(state.n + s * (shorter * a) + t * (shorter * b))
+    downhill = [jnp.where(h, 0.0, -slope) for h, slope in zip(held, g, strict=True)]
+    a, b, k_d, k_s = solve([[element(i, j) for j in range(4)] for i in range(4)], downhill)
+    n = tilted(state.n, a, b, MAX_TILT)
     return stored(DescentState(n, jnp.maximum(state.k_d + k_d, 0.0), jnp.maximum(state.k_s + k_s, 0.0), state.cost))
 
 

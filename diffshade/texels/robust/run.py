@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float, Float16, Int
+from jaxtyping import Float, Int
 
 from ...core.fields import Array
 from ...core.thresholds import DEGREE
+from ...model.vectors import Vec3
 from ..between_lights import BetweenLights, from_leaves, learned_between
-from ..blocks import TexelBlock
-from ..checks import check_anything_left
 from ..lighting import LightErrors, LightingSetup
 from ..map_arrays import MapArrays
 from ..maps import SharedHighlight, TexelMaps
-from ..prediction import KnownCoefficients
+from ..prediction import KnownCoefficients, TexelBlock
 from ..status import MIN_LIT_WITH_NORMAL, ROUNDING, status_of
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
-from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
-from .block_coefficients import BlockCoefficients, Shown, coefficients_of, shown_by
-from .block_fits import Normals, normals_of, seen_by
+from ..unexplained import NOISES, Interpolation, Unexplained, interpolation_of, most_parts, smoothing_of
+from .block_coefficients import BlockCoefficients, coefficients_of, kept_of, shown_under
+from .block_fits import Normals, beyond_grey, brightest_of, lowest_two, normals_of
 from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .learning import Assumptions, ObjectModel, learned
@@ -36,16 +34,6 @@ from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
 # Matusik 2005).
 MAX_MISFIT_RATIO = 0.85
-
-
-class _Scratch(NamedTuple):
-    """What a tile writes beside its maps."""
-
-    spread: Float[np.ndarray, "h w columns"]
-    """What the errors follow from, see `SpreadColumns`."""
-    doubts: Float[np.ndarray, "views cells 2"]
-    """Numbers of observations of each view and cell: the doubted ones, and all."""
-    unexplained: Float16[np.ndarray, "h w _"] | None
 
 
 class RobustRun(TexelWork):
@@ -80,15 +68,8 @@ class RobustRun(TexelWork):
 
     def under(self, setup: LightingSetup, light_error: LightErrors | None = None) -> RobustRun:
         """Return what works on the same texels, for photographs, and errors of lights, that are described otherwise."""
-        return RobustRun(
-            setup,
-            self.known,
-            self.loss,
-            self.regions,
-            self.tiles,
-            neighbours=self.neighbours,
-            light_error=light_error or self.light_error,
-        )
+        same, light_error = (self.known, self.loss, self.regions, self.tiles), light_error or self.light_error
+        return RobustRun(setup, *same, neighbours=self.neighbours, light_error=light_error)
 
     def learn(self, sample: TexelTile, assumed: Assumptions | None = None) -> list[ObjectModel]:
         """Return the model of the object, or that of each region, from a sample of its texels.
@@ -139,24 +120,19 @@ class RobustRun(TexelWork):
             notes: What was reported before.
         """
         tiles, store, reader = self.tiles, self.tiles.store, self.tiles.reader
-        arrays = MapArrays(store, ("k_d", "k_s", "n_s", "normal"), reader.shape, reader.channels)
+        arrays = MapArrays(tiles, ("k_d", "k_s", "n_s", "normal"))
         spread = store.array("spread", (*reader.shape, COLUMNS), np.float32)
+        # numbers of observations of each tile, view and cell: the doubted ones, and all
         doubts = store.array("doubts", (tiles.count, len(reader.views), CELLS * CELLS, 2), np.float32)
         parts = fit_parts(self, models)
         shared = self._shared(models, sample, parts)
-        unexplained = None
         if shared.taken is not None:
-            width = reader.channels * len(shared.taken)
-            unexplained = store.array("unexplained", (*reader.shape, width), np.float16)
+            store.array("unexplained", (*reader.shape, reader.channels * len(shared.taken)), np.float16)
 
         def fit(t: int, tile: TexelTile) -> None:
-            if len(tile.pixels):
-                self._fit_tile(tiles.rows_of(t), tile, shared, arrays, _Scratch(spread, doubts[t], unexplained))
-            store.finish(t)
+            self._fit_tile(t, tile, shared, arrays)
 
-        tiles.each_tile(fit, store.done, "fitted", margin=SQUARE if reader.with_position else MARGIN)
-        store.wait_for_all()
-        check_anything_left(arrays.arrays["status"])
+        arrays.fill(fit, margin=SQUARE if reader.with_position else MARGIN)
         times = state_errors(self, shared, parts, arrays, spread)
         store.wait_for_all()
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
@@ -164,27 +140,19 @@ class RobustRun(TexelWork):
         on_highlight = note_on_lobe(given, taken) if models[0].assumed.glossy else (MATTE_NOTE,)
         notes = (*notes, *note, *on_highlight, *note_on_roughness(models[0].shape))
         scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, taken)
-        return TexelMaps(
-            arrays.values(),
-            arrays.errors(),
-            store.read("status")[..., 0],
-            store.read("residual")[..., 0],
-            scene,
-            reader.camera,
-            notes,
-            times,
-            self._highlights(shared.refined),
-            None if shared.interpolation is None else Unexplained(shared.interpolation, store.read("unexplained")),
-        )
+        beyond = shared.interpolation and Unexplained(shared.interpolation, store.read("unexplained"))
+        highlights = self._highlights(shared.refined)
+        return arrays.maps(scene, notes, times_95=times, highlights=highlights, unexplained=beyond)
 
     def _shared(self, models: Sequence[ObjectModel], sample: TexelTile, parts: PartFits) -> Shared:
         """Return what the texels share, from a sample of them."""
         region = self.region_of(sample.pixels)
         refined = [self.refined(m, sample.part(np.flatnonzero(region == r))) for r, m in enumerate(models)]
-        seen = self.each(sample, lambda block, model, _: seen_by(self.setup, self.known, block, model), refined)
-        brightest = np.asarray(seen.brightest).max(keepdims=True)[0]
+        pieces = self.tiles.reader.pieces(sample, np.zeros((2, len(sample.pixels))))
+        seen = self.tiles.each(lambda block, _: brightest_of(self.setup, self.known, block), pieces)
+        brightest = seen.max(keepdims=True)[0]
         leaves = self.tiles.store.kept(
-            "between_lights", lambda: jax.tree.leaves(self._interpolated(sample, refined, seen.beyond, brightest))
+            "between_lights", lambda: jax.tree.leaves(self._interpolated(sample, refined, brightest))
         )
         own_95 = 0.0
         if self.neighbours:
@@ -194,79 +162,49 @@ class RobustRun(TexelWork):
         return Shared(models, refined, brightest, own_95, *from_leaves(leaves))
 
     def _interpolated(
-        self,
-        sample: TexelTile,
-        models: Sequence[ObjectModel],
-        beyond: Float[Array, "views texels"],
-        brightest: Float[np.ndarray, ""],
+        self, sample: TexelTile, models: Sequence[ObjectModel], brightest: Float[np.ndarray, ""]
     ) -> tuple[Interpolation | None, BetweenLights | None]:
         """Return how what is beyond the model is interpolated between lights, and what is predicted there first."""
-        toward = self.toward(sample)
-        smoothing = smoothing_of(toward, beyond)
+
+        def shown(lights: Float[Array, "lights 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            """Return what the views show beyond the model, grey and not, and the model under distant lights."""
+
+            def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> tuple[Array, Array, Array]:
+                observed, state = self.at_minimum(block, model)
+                k, beyond = coefficients_of(self.setup, self.known, block, observed, model, state.n, brightest)
+                return beyond_grey(observed, model, state), beyond, shown_under(lights, observed, model, state.n, k)
+
+            return jax.tree.map(np.asarray, self.each(sample, program, models))
+
+        lights = toward = self.toward(sample)
+        grey, beyond, model = shown(toward)
+        smoothing = smoothing_of(toward, grey)
         if smoothing is None:
             return None, None
-        between, beyond = self._between(sample, models, brightest, toward, smoothing) or (None, beyond)
-        reader = self.tiles.reader
-        parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels, len(toward))
-        lights = toward
+        self.tiles.report_progress("learning what is between the lights")
+        between = learned_between(toward, beyond, model, smoothing)
         if between is not None:  # what was learned is smooth already
             lights, smoothing = np.asarray(between.toward, np.float64), smoothing._replace(noise=min(NOISES))
-        return interpolation_of(lights, beyond, smoothing, parts).in_units_of(float(brightest)), between
+            grey = np.asarray(between.beyond(beyond, shown(lights)[-1])).mean(1)
+        reader = self.tiles.reader
+        parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels, len(toward))
+        return interpolation_of(lights, grey, smoothing, parts).in_units_of(float(brightest)), between
 
-    def _between(
-        self,
-        sample: TexelTile,
-        models: Sequence[ObjectModel],
-        brightest: Float[np.ndarray, ""],
-        toward: Float[np.ndarray, "views 3"],
-        smoothing: Smoothing,
-    ) -> tuple[BetweenLights, Float[np.ndarray, "lights texels"]] | None:
-        """Return what a sample teaches of lights between those of the views, and what it then shows beyond the model.
-
-        The latter is grey. None where nothing was learned.
-        """
-        self.tiles.report_progress("learning what is between the lights")
-
-        def under(toward: Float[Array, "lights 3"]) -> Shown:
-            return self.each(
-                sample,
-                lambda block, model, _: shown_by(self.setup, self.known, block, model, brightest, toward),
-                models,
-            )
-
-        shown = under(toward)
-        between = learned_between(toward, shown.beyond, shown.model, smoothing)
-        if between is None:
-            return None
-        return between, np.asarray(between.beyond(shown.beyond, under(between.toward).model)).mean(1)
-
-    def _fit_tile(
-        self,
-        rows: tuple[int, int],
-        tile: TexelTile,
-        shared: Shared,
-        arrays: MapArrays,
-        scratch: _Scratch,
-    ) -> None:
+    def _fit_tile(self, t: int, tile: TexelTile, shared: Shared, arrays: MapArrays) -> None:
         """Fit the texels of a tile that was read with those around it, and write what belongs to the tile."""
-        width, models = self.tiles.reader.shape[1], shared.models
+        width, models, stored = self.tiles.reader.shape[1], shared.models, self.tiles.store.arrays
+        first, last = self.tiles.rows_of(t)
         found = self.each(tile, self._normals, models)
         grid = grid_of(tile.pixels, width)
         alone = grid.image(found.n.T)
         own_95 = grid.image(shared.own_95 * np.asarray(found.spread[:1]).T)
         n = corrected(alone, own_95, grid.mask) if self.neighbours else alone
         normal = n[grid.row, grid.column].T
-        own = np.flatnonzero((tile.pixels >= rows[0] * width) & (tile.pixels < rows[1] * width))
+        own = np.flatnonzero((tile.pixels >= first * width) & (tile.pixels < last * width))
         if not len(own):
             return
         part, normal = tile.part(own), normal[:, own]
-
-        def coefficients(block: TexelBlock, model: ObjectModel, n: np.ndarray | None) -> BlockCoefficients:
-            assert n is not None
-            kept = (shared.brightest, shared.taken, shared.between)
-            return coefficients_of(self.setup, self.known, block, model, n, *kept)
-
-        k = self.each(part, coefficients, shared.refined, np.ascontiguousarray(normal, np.float32))
+        k, kept = self._coefficients(part, shared, normal)
 
         def around(each: Float[Array, " n"]) -> Float[np.ndarray, " m"]:
             return mean_around(grid.image(each[:, None])[..., 0], grid.mask)[grid.row, grid.column][own]
@@ -275,43 +213,50 @@ class RobustRun(TexelWork):
         scatter = np.ones(len(own))
         if self.neighbours:
             scatter = scatter_of(alone, grid.mask)[grid.row, grid.column][own]
-        flat = scratch.spread.reshape(-1, COLUMNS)
-        flat[part.pixels] = SpreadColumns(
+        bounce, (k_d, k_s) = np.minimum(found.by_bounce[own], np.pi / 2), np.asarray(found.spread[1:, own])
+        spread = SpreadColumns(
             misfit * brighter,
             scatter,
-            np.minimum(found.by_bounce[own], np.pi / 2) * brighter,
-            np.asarray(found.spread[1, own]),
-            np.asarray(found.spread[2, own]),
-            np.asarray(found.by_lights[own]),
-            np.asarray(found.by_choice[own]),
+            bounce * brighter,
+            k_d,
+            k_s,
+            *map(np.asarray, (found.by_lights[own], found.by_choice[own])),
         ).stacked()
-        lit, plane = found.lit[own], found.plane[own]
-        unknown = (plane < DEGREE) | (k.level < ROUNDING * shared.brightest)
-        flat[part.pixels[unknown | (lit < MIN_LIT_WITH_NORMAL)]] = np.inf
-        status = status_of(~unknown, unknown, lit < MIN_LIT_WITH_NORMAL)  # until the errors are known
+        unknown = (found.plane[own] < DEGREE) | (k.level < ROUNDING * shared.brightest)
+        shadowed = found.lit[own] < MIN_LIT_WITH_NORMAL
+        spread[unknown | shadowed] = np.inf
+        stored["spread"].reshape(-1, COLUMNS)[part.pixels] = spread
+        status = status_of(~unknown, unknown, shadowed)  # until the errors are known
         n_s = np.array([model.shape.exponent for model in shared.refined])[self.region_of(part.pixels)]
-        arrays.write_numbers(
-            part.pixels,
-            {
-                "k_d": k.k_d,
-                "k_s": k.k_s,
-                "n_s": n_s[None],
-                "normal": normal,
-                "status": status[None],
-                "residual": k.residual[None],
-            },
-        )
+        numbers = {"k_d": k.k_d, "k_s": k.k_s, "n_s": n_s[None], "normal": normal}
+        arrays.write(part.pixels, numbers | {"status": status[None], "residual": k.residual[None]})
         cell = cells_of(part.pixels, self.tiles.reader.shape)
-        for v in range(len(scratch.doubts)):
+        for v, doubts in enumerate(stored["doubts"][t]):
             for i, of in enumerate((k.doubted[v], k.counts[v])):
-                scratch.doubts[v, :, i] = np.bincount(cell, of, CELLS * CELLS)
-        if scratch.unexplained is not None:
-            assert k.kept is not None
-            kept = k.kept.reshape(-1, len(part.pixels)).T
-            scratch.unexplained.reshape(-1, kept.shape[1])[part.pixels] = kept
+                doubts[:, i] = np.bincount(cell, of, CELLS * CELLS)
+        if kept is not None:
+            stored["unexplained"].reshape(-1, kept.shape[0] * kept.shape[1])[part.pixels] = kept.reshape(-1, len(own)).T
+
+    def _coefficients(
+        self, tile: TexelTile, shared: Shared, normal: Float[np.ndarray, "3 n"]
+    ) -> tuple[BlockCoefficients, Float[Array, "channels parts n"] | None]:
+        """Return the coefficients of the texels of a tile, and what is kept of what the views show beyond them."""
+
+        def program(
+            block: TexelBlock, model: ObjectModel, given: np.ndarray | None
+        ) -> tuple[BlockCoefficients, Array | None]:
+            assert given is not None
+            observed, n = self.observed(block, model), Vec3(*given)
+            k, beyond = coefficients_of(self.setup, self.known, block, observed, model, n, shared.brightest)
+            if shared.taken is None:
+                return k, None
+            return k, kept_of(observed, model, n, k, beyond, shared.taken, shared.between)
+
+        return self.each(tile, program, shared.refined, np.ascontiguousarray(normal, np.float32))
 
     def _normals(self, block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Normals:
-        return normals_of(self.setup, self.known, block, model, self.light_error)
+        observed = self.observed(block, model)
+        return normals_of(self.setup, block, observed, model, lowest_two(observed, model), self.light_error)
 
     def _highlights(self, models: Sequence[ObjectModel]) -> tuple[SharedHighlight, ...]:
         """Return the powers that the highlight of every texel consists of."""

@@ -23,10 +23,9 @@ from ..map_arrays import MapArrays
 from ..maps import ANGLE_68
 from ..status import MAX_NORMAL_ERROR, OUTSIDE, SHADOWED, UNDETERMINED, status_of
 from ..tiles import LEARNING_SAMPLE, TexelTile
-from .block_fits import Turned, lowest_state, turned
+from .block_fits import Turned, turned
 from .calibration import Division, Spreads, calibrated, division_of
 from .learning import ObjectModel
-from .observations import observe
 from .texel_work import Shared, TexelWork
 
 CALIBRATION_SAMPLE = LEARNING_SAMPLE // 2  # texels that are fitted to parts of the lights
@@ -78,7 +77,7 @@ def fit_parts(work: TexelWork, models: Sequence[ObjectModel]) -> PartFits:
     division = division_of(work.toward(sample))
 
     def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Turned:
-        return turned(work.setup, work.known, block, model, division.parts)
+        return turned(work.observed(block, model), model, division.parts)
 
     return PartFits(sample, division, work.each(sample, program, models))
 
@@ -157,8 +156,8 @@ def _errors_by_shape(work: TexelWork, sample: TexelTile, model: ObjectModel, div
         return np.inf, 0.0
 
     def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Array:
-        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
-        return lowest_state(observed, model).k_d * observed.level
+        observed, state = work.at_minimum(block, model)
+        return state.k_d * observed.level
 
     k_d, each = work.each(sample, program, [model]), []
     for part in division.parts[: division.first]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -10,15 +11,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..between_lights import BetweenLights
-from ..blocks import TexelBlock
 from ..lighting import LightingSetup
-from ..prediction import KnownCoefficients
+from ..prediction import KnownCoefficients, TexelBlock
 from ..tile_runner import TileRunner
 from ..tiles import MIN_BLOCK, SQUARE, TexelPart, TexelTile
 from ..unexplained import Interpolation
 from .block_fits import lights_toward, lowest_state
-from .learning import Fitted, ObjectModel, every_assumption, first_model, fitted, learned
-from .observations import observe
+from .learning import Fitted, ObjectModel, fitted, learned
+from .observations import BlockObservations, observe
+from .robust_descent import DescentState
 
 T = TypeVar("T")
 BLOCK = 1024  # texels in one call of a compiled program: their sums over the candidates stay in a core's cache
@@ -49,34 +50,36 @@ class Shared(NamedTuple):
         return None if self.interpolation is None else self.interpolation.taken
 
 
+@dataclass
 class TexelWork:
     """What is known of a scene, and the tiles of its texels."""
 
-    def __init__(
-        self,
-        setup: LightingSetup,
-        known: KnownCoefficients,
-        loss: str,
-        regions: Int[np.ndarray, " pixels"] | None,
-        tiles: TileRunner,
-    ):
-        """Keep what all programs need.
+    setup: LightingSetup
+    """The lights of the views."""
+    known: KnownCoefficients
+    """The coefficients that are not fitted."""
+    loss: str
+    """Name of the robust loss."""
+    regions: Int[np.ndarray, " pixels"] | None
+    """Region of each pixel, numbered from 0 without gaps; None makes the object one."""
+    tiles: TileRunner
+    """What reads the tiles and stores the maps."""
 
-        Args:
-            setup: The lights of the views.
-            known: The coefficients that are not fitted.
-            loss: Name of the robust loss.
-            regions: Region of each pixel, numbered from 0 without gaps; None makes the object one.
-            tiles: What reads the tiles and stores the maps.
-        """
-        self.setup, self.known, self.loss, self.regions, self.tiles = setup, known, loss, regions, tiles
+    def observed(self, block: TexelBlock, model: ObjectModel) -> BlockObservations:
+        """Return what the views show of a block."""
+        return observe(self.setup, self.known, block, model.assumed.dark_is_shadow)
+
+    def at_minimum(self, block: TexelBlock, model: ObjectModel) -> tuple[BlockObservations, DescentState]:
+        """Return what the views show of a block, and the lowest minimum of each texel."""
+        observed = self.observed(block, model)
+        return observed, lowest_state(observed, model)
 
     def sample_at_minimum(self, sample: TexelTile, model: ObjectModel) -> Fitted:
         """Return the texels of a sample at their minimum."""
 
         def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Fitted:
-            observed = observe(self.setup, self.known, block, model.assumed.dark_is_shadow)
-            return fitted(observed, model, lowest_state(observed, model))
+            observed, state = self.at_minimum(block, model)
+            return fitted(observed, model, state)
 
         return self.each(sample, program, [model])
 
@@ -106,24 +109,16 @@ class TexelWork:
         """
         region = self.region_of(tile.pixels) if len(models) > 1 else np.zeros(len(tile.pixels), int)
         no_exponent = np.zeros((2, len(tile.pixels)))
-        pieces: list[tuple[TexelPart, ObjectModel]] = []
-        for r, model in enumerate(models):
+        pieces: list[TexelPart] = []
+        for r in range(len(models)):
             which = np.flatnonzero(region == r)
-            pieces += [
-                (TexelPart(tile, which[part], size, no_exponent), model) for part, size in self._blocks(tile, which)
-            ]
+            pieces += [TexelPart(tile, which[part], size, no_exponent, r) for part, size in self._blocks(tile, which)]
 
-        def of_piece(item: tuple[TexelPart, ObjectModel]) -> T:
-            piece, model = item
+        def of_piece(block: TexelBlock, piece: TexelPart) -> T:
+            return program(block, models[piece.region], None if given is None else given[:, piece.padded])
 
-            def of_block(block: TexelBlock) -> T:
-                padded = np.concatenate([piece.part, np.full(piece.size - len(piece.part), piece.part[0])])
-                return program(block, model, None if given is None else given[:, padded])
-
-            return self.tiles.evaluate(of_block, piece)
-
-        found = jax.tree.map(lambda *parts: np.concatenate(parts, -1), *self.tiles.on_all(of_piece, pieces))
-        order = np.argsort(np.concatenate([piece.part for piece, _ in pieces]), kind="stable")
+        found = self.tiles.each(of_piece, pieces)
+        order = np.argsort(np.concatenate([piece.part for piece in pieces]), kind="stable")
         return jax.tree.map(lambda leaf: leaf[..., order], found)
 
     def _blocks(self, tile: TexelTile, which: Int[np.ndarray, " m"]) -> Iterator[tuple[Int[np.ndarray, " b"], int]]:
@@ -149,10 +144,7 @@ class TexelWork:
 
     def toward(self, sample: TexelTile) -> Float[np.ndarray, "views 3"]:
         """Return the mean direction from some texels to the lights of each view."""
-
-        def program(block: TexelBlock, _: ObjectModel, __: np.ndarray | None) -> Float[np.ndarray, "views 3 n"]:
-            return lights_toward(self.setup, block)
-
-        mean = self.each(sample, program, [first_model(self.loss, every_assumption()[0])]).mean(-1)
+        pieces = self.tiles.reader.pieces(sample, np.zeros((2, len(sample.pixels))))
+        mean = self.tiles.each(lambda block, _: lights_toward(self.setup, block), pieces).mean(-1)
         length = np.linalg.norm(mean, axis=-1, keepdims=True)
         return mean / np.where(length > 0.0, length, 1.0)
