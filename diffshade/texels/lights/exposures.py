@@ -16,10 +16,9 @@ from ...core.fields import Array
 from ...core.thresholds import CLEARLY, MINOR, SLIGHT, SMALL, TINY
 from ...core.words import Note, first_of
 from ...model.scenes import Scene
-from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..lighting import Exposures, LightErrors, LightingSetup
-from ..prediction import KnownCoefficients
+from ..prediction import KnownCoefficients, TexelBlock
 from ..robust.calibration import GROUPS
 from ..robust.choice import clearly_better
 from ..robust.learning import MIN_SAMPLES

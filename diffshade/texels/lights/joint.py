@@ -22,8 +22,8 @@ from jaxtyping import Float, Int
 from ...core.fields import Array
 from ...core.thresholds import NEGLIGIBLE, ROUNDING, SINGLE
 from ...inverse.solve.elimination import eliminate
-from ..blocks import TexelBlock
 from ..lighting import LightingSetup
+from ..prediction import TexelBlock
 from ..robust.block_fits import lowest_state
 from ..robust.learning import ObjectModel
 from ..robust.observations import BlockObservations, observe
