@@ -19,11 +19,10 @@ from scipy.optimize import least_squares
 from ...core.fields import Array
 from ...core.thresholds import DEGREE, FAR_MORE, MINOR, SMALL, TINY
 from ...core.words import Note, first_of
-from ..blocks import TexelBlock
+from ..prediction import TexelBlock
 from ..tiles import TexelTile
-from .block_fits import lowest_state
 from .learning import MIN_SAMPLES, ObjectModel
-from .observations import BlockObservations, observe
+from .observations import BlockObservations
 from .robust_descent import DescentState
 from .texel_work import TexelWork
 
@@ -59,8 +58,8 @@ def matte_texels(work: TexelWork, models: Sequence[ObjectModel], sample: TexelTi
     """Return what texels of a sample are without their highlights, by the models of the object's regions."""
 
     def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> MatteTexels:
-        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
-        return _matte(observed, model, lowest_state(observed, model))
+        observed, state = work.at_minimum(block, model)
+        return _matte(observed, model, state)
 
     return work.each(sample, program, models)
 
