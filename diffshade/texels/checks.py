@@ -73,7 +73,7 @@ def _checked_names(free: Iterable[str]) -> tuple[str, ...]:
     for name in free:
         if name not in FREE:
             hint = did_you_mean(str(name), FREE)
-            raise ValueError(f"free must hold names among {', '.join(FREE)}; got {name!r}. {hint}")
+            raise ValueError(f"free must hold names of maps; got {name!r}. {hint}")
     if not free:
         raise ValueError("free must name at least one map; got none. Give for example free=('k_d', 'k_s', 'n_s').")
     return tuple(name for name in FREE if name in free)

@@ -70,7 +70,7 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
     towards, middle = lights.directions, Vec3.of(lights.middle)
     power = np.array([np.mean(_arriving(scene.lights[i], middle)) for i in lights.used])
     off_plane = np.linalg.svd(towards, compute_uv=False)[2] / np.sqrt(len(views))
-    cells = cells_of(views, reader, sample, SAMPLED_ROWS)
+    cells = cells_of(views, reader, sample, SAMPLED_ROWS, np.ones((len(views), 1)))  # whatever light each is given
     given, found = _shape(cells, towards, power), None
     if given is not None and off_plane >= MIN_SPREAD:
         camera = np.array([np.asarray(axis.stack()) for axis in axes(reader.camera)])

@@ -195,7 +195,7 @@ class TexelRun:
         self.tiles.report_progress("judging the residuals")
         sample = self.tiles.reader.sample(NOISE_SAMPLE)
         sigma, options = 1.0, self.options._replace(loss="squares")
-        if not len(sample.pixels):
+        if not sample.counts.any():
             return sigma
 
         def sizes(block: TexelBlock) -> Float[np.ndarray, "views texels"]:

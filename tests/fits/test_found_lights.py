@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 import pytest
+from bumpy import bumpy
 from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
 from diffshade.texels.lights.found import notes_on
 from diffshade.texels.lights.joint import Responses, light_equations
+from diffshade.texels.lights.matte import cells_of
 from diffshade.texels.lights.uncalibrated import factorize, of_lengths
+from diffshade.texels.tiles import ViewReader
 from tests.support.textured import angle, facing_us, lights_about, textured_ball
 
 COUNT, DEGREES, RELATIVE = 20, 2.0, 0.05
@@ -237,3 +241,14 @@ def test_views_without_their_own_light_and_too_few_lights_are_refused(matte):
         )
     with pytest.raises(ValueError, match="at least 6 lights; the views have 5"):
         ds.lights.find_lights(scene, matte.views[:5])
+
+
+def test_cells_show_each_light_without_its_colour():
+    of, colour = bumpy("texture", 6, 40.0), np.array([[1.4, 1.0, 0.6], [0.6, 1.0, 1.4]] * 3)
+    seen = []
+    for by in (np.ones_like(colour), colour):
+        views = [dataclasses.replace(v, image=np.asarray(v.image) * c) for v, c in zip(of.views, by, strict=True)]
+        reader = ViewReader(of.scene, views)
+        seen.append(cells_of(views, reader, reader.sample(2000), 30, by))
+    np.testing.assert_allclose(seen[1].seen, seen[0].seen, atol=1e-6)
+    assert seen[0].inside.sum() > 100

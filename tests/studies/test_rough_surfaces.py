@@ -9,6 +9,7 @@ import pytest
 from bumpy import TO_CAMERA, oren_nayar
 
 import diffshade as ds
+from diffshade.inverse.misfit.other_scenes import _towards_light
 
 SIDE, NOISE = 120, 0.004
 TRUTH = {"k_a": (0.04, 0.03, 0.02), "k_d": (0.5, 0.4, 0.3)}
@@ -51,6 +52,18 @@ def test_a_rough_sphere_is_named_and_its_errors_hold(ratio, k_s, count):
     for name, value, error, sure in zip(fit.names, fit.values, fit.errors, fit.determined, strict=True):
         if sure and name in truth and not (name.startswith("k_s") and k_s == 0.0):
             assert abs(value - truth[name]) < 2.5 * error
+
+
+def test_what_a_rough_surface_adds_is_of_k_d_alone():
+    camera, lights = ds.Camera((0, 0, 4), fov=35.0, shape=(24, 24)), [ds.DirectionalLight((-1, -1, -2))]
+    view, added = ds.View(np.zeros((24, 24, 3)), camera), []
+    chequer = ds.Chequer(0.1, 0.3, period=0.5)
+    more = ds.Material(chequer, 0.5, chequer, 20.0, k_e=0.2, highlights=ds.Highlight(0.1, 200.0))
+    for material in (ds.Material(0.0, 0.5, 0.0), more):
+        scene = ds.Scene(ds.Object(ds.Sphere((0, 0, 0), 1.0), material), lights, ambient=(0.2, 0.2, 0.2))
+        added.append(_towards_light(scene, view))
+    assert added[0].max() > 0.05
+    np.testing.assert_allclose(added[1], added[0], atol=1e-7)
 
 
 def test_lambert_s_law_gets_no_remark():

@@ -79,11 +79,15 @@ def test_exposures_err_alike_under_lights_that_are_near_each_other():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("grey", "factor"),
-    [(False, 4.0), *(pytest.param(*of, marks=pytest.mark.slow) for of in ((True, 0.25), (False, 0.25), (True, 4.0)))],
+    ("material", "grey", "factor"),
+    [
+        ("two", False, 4.0),
+        ("clay", False, 1.6),
+        *(pytest.param("two", *of, marks=pytest.mark.slow) for of in ((True, 0.25), (False, 0.25), (True, 4.0))),
+    ],
 )
-def test_one_photograph_that_is_far_off_leaves_the_others_as_they_are(factor, grey):
-    of = bumpy("two", 12, 60.0)
+def test_one_photograph_that_is_far_off_leaves_the_others_as_they_are(material, factor, grey):
+    of = bumpy(material, 12, 60.0)
     images = [np.asarray(view.image) * (factor if i == 5 else 1.0) for i, view in enumerate(of.views)]
     images = [image.mean(-1, keepdims=True) if grey else image for image in images]
     views = [ds.View(image, v.camera, v.mask, lit=v.lit) for image, v in zip(images, of.views, strict=True)]

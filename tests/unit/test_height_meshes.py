@@ -45,6 +45,17 @@ def normals_of_pixels(mesh, pixels):
     return across / np.linalg.norm(across, axis=-1, keepdims=True)
 
 
+def test_fewer_triangles_have_the_errors_of_their_pixels():
+    shape = (40, 60)
+    camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=shape, local_viewer=False)
+    bulge = np.stack([*np.meshgrid(np.linspace(-0.3, 0.3, 60), np.linspace(0.2, -0.2, 40)), np.ones(shape)], -1)
+    heights = ds.heights.integrate_normals(bulge / np.linalg.norm(bulge, axis=-1, keepdims=True), camera)
+    by_column = np.broadcast_to(np.arange(1.0, 61.0), shape)
+    mesh = ds.heights.height_mesh(dataclasses.replace(heights, errors=by_column), tolerance=0.01)
+    assert len(mesh.corner) < 0.5 * heights.mask.sum()
+    np.testing.assert_allclose(mesh.errors, 60.0 * mesh.uv[:, 0], atol=1.01)
+
+
 def test_texels_that_nothing_joins_to_the_others_are_left_out():
     mask = np.zeros((12, 12), bool)
     mask[2:10, :6] = mask[5, 9] = True

@@ -13,7 +13,7 @@ def test_a_light_is_where_most_texels_say():
     shown[:80] = 0.0  # in shadow
     toward = np.broadcast_to(said[:, None, None], (3, 1, 400))
     counts = (true @ facing > 0.1)[None]
-    texels = MatteTexels(facing, shown[None], counts, toward, shown[None], 0.0 * shown[None])
+    texels = MatteTexels(facing, shown[None], counts, toward, (said @ facing)[None], 0.0 * shown[None])
     found = _seen_in(texels, 0)
     np.testing.assert_allclose(found, true / np.linalg.norm(true), atol=1e-3)
     np.testing.assert_allclose(_seen_in(texels._replace(counts=counts & False), 0), said)

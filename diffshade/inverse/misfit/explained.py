@@ -149,10 +149,10 @@ def _errors(look: _Look, found: Sequence[Found]) -> Vector:
             away = away + look.of.mean[one.of] @ (one.case.renamed[None] / one.size)
     more = sum((one.size * moves[one.of].sum(0)) ** 2 for one in look.candidates if one.case.known)
     apart = [look.of.mean[one.of] @ moves[one.of] for one in look.candidates]
-    rough = [of for one, of in zip(look.candidates, apart, strict=True) if one.fault.rough]
-    if np.any(rough):  # what its form does not hold is taken for other faults, which may move the values back
-        away = np.sum(np.abs(apart), 0)
-        more += np.sum(np.square(rough), 0)
+    inexact = [of for one, of in zip(look.candidates, apart, strict=True) if one.fault.inexact]
+    if np.any(inexact):  # what its form does not hold is taken for other faults, which may move the values back
+        away = np.maximum(np.abs(away), np.sum(np.abs(apart), 0))
+        more += np.sum(np.square(inexact), 0)
     return np.sqrt(np.einsum("kp,kl,lp->p", moves, look.of.covariance, moves) + away**2 + more)
 
 

@@ -188,7 +188,7 @@ FAULTS = (
         changes.of_chroma,
         size=lambda which, amount: 0.5 * float(np.sum(amount)),  # of red and of blue
         plausible=(0.2, 3.0),  # 1 is exactly that
-        rough=True,  # it depends on how the file rounded the colours, too
+        inexact=True,  # it depends on how the file rounded the colours, too
     ),
     Fault(
         "lobe",

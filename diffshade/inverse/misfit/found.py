@@ -45,7 +45,7 @@ class Fault:
     """Whether samples beside the objects show its amount too."""
     at_rims: bool = True
     """Whether its change is linear at grazing rims too."""
-    rough: bool = False
+    inexact: bool = False
     """Whether its change is known roughly: what it moves is then uncertain by as much."""
     relative: bool = False
     """Whether its size counts relative to that of the other views, if there are several."""

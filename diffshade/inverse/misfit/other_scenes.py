@@ -54,7 +54,8 @@ def of_roughness(at: Linearised) -> Iterator[Case]:
     """
     kinds = (AbstractLamp, DirectionalLight)
     single = all(len(lit) == 1 and isinstance(at.fit.scene.lights[lit[0]], kinds) for lit in at.set_up.lit)
-    if at.drawable and single and not any(item.material.k_t is not None for item in at.fit.scene.objects):
+    plain = all(view.sensor is None for view in at.fit.views)
+    if at.drawable and single and plain and not any(item.material.k_t is not None for item in at.fit.scene.objects):
         rougher = (_towards_light(at.fit.scene, view) for view in at.fit.views)
         yield Case(0, at.of(rougher)[None])
 
@@ -67,8 +68,8 @@ def _towards_light(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
     l = l / np.linalg.norm(l, axis=-1, keepdims=True)
     n_l, n_v = np.sum(n * l, -1), np.maximum(n_v, SMALL)
     more = np.maximum(-np.sum(l * ray, -1) - n_l * n_v, 0.0) / np.maximum(np.maximum(n_l, n_v), SMALL)
-    none = [jax.tree.map(np.zeros_like, {"k_a": item.material.k_a, "k_s": item.material.k_s}) for item in scene.objects]
-    matte = [replace(item.material, **of) for item, of in zip(scene.objects, none, strict=True)]
+    none = np.zeros(len(scene.channels))
+    matte = [replace(item.material, k_a=none, k_s=none, k_e=none, highlights=()) for item in scene.objects]
     shown = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, matte)
     return more[..., None] * (photograph(shown, view) - float(view.black))
 

@@ -103,7 +103,7 @@ def height_mesh(heights: HeightMap, *, tolerance: float | None = None, watertigh
     place, normal = pixels_of(mesh.corner, heights.camera), mesh.normals
     shape, errors = np.asarray(heights.camera.shape[::-1]), found.errors[kept]
     if mesh is not whole:
-        row, column = np.clip(place.astype(int), 0, shape - 1).T
+        column, row = np.clip(place.astype(int), 0, shape - 1).T
         errors = np.where(
             normal @ camera_axes(heights.camera)[2] > 0.0, heights.errors[nearest(heights.mask)][row, column], np.inf
         )

@@ -95,7 +95,10 @@ def _with_strips_joined(
 
 def _pieces(grid: HeightGrid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
     """Return connected pieces of the image without what is near a cut; what is near belongs to the nearest piece."""
-    away = np.asarray(scipy.ndimage.distance_transform_cdt(~touched(grid, cut), "chessboard"))
+    close = touched(grid, cut)
+    group = connected(close, diagonally=True)
+    close &= (np.bincount(group.ravel()) >= MIN_PAIRS)[group]  # a lone cut parts nothing
+    away = np.asarray(scipy.ndimage.distance_transform_cdt(~close, "chessboard"))
     piece = connected(grid.inside & (away >= reach))
     large = np.bincount(piece.ravel()) >= MIN_TEXELS
     large[0] = False

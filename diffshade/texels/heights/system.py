@@ -8,6 +8,7 @@ The weights are 1 over variances, so that the sum is in units of the noise: what
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -96,5 +97,6 @@ class HeightSystem:
 
         flow = self.weights * differences
         b = np.bincount(self.grid.end, flow, self.grid.size) - np.bincount(self.grid.start, flow, self.grid.size)
-        found, _ = cg(self.matrix, b, start, tolerance, "rMr", maxiter=most, M=self._cycle)
+        with warnings.catch_warnings():  # it changes the filters of all
+            found, _ = cg(self.matrix, b, start, tolerance, "rMr", maxiter=most, M=self._cycle)
         return found

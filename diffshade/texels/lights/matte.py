@@ -55,23 +55,33 @@ class Surface(NamedTuple):
     """Which cells these are."""
 
 
-def cells_of(views: Sequence[View], reader: ViewReader, sample: TexelTile, across: int) -> Cells:
-    """Return what the views show of a grid of cells: of each the mean of its upper row of pixels."""
+def cells_of(
+    views: Sequence[View], reader: ViewReader, sample: TexelTile, across: int, colour: Float[np.ndarray, "views _"]
+) -> Cells:
+    """Return what the views show of a grid of cells: of each the mean of its upper row of pixels.
+
+    Args:
+        views: The photographs.
+        reader: What reads them.
+        sample: Texels from all over the object.
+        across: Most cells along the longer side.
+        colour: Of the light of each view, by which its channels are divided.
+    """
     height, width = reader.shape
     row, column = np.divmod(sample.pixels, width)
     size = int(max(np.ptp(row), np.ptp(column)) // across + 1)
     first, left = (max(int(of.min()) - 2 * size, 0) for of in (row, column))
     last, right = (min(int(of.max()) + 2 * size, end - 1) for of, end in ((row, height), (column, width)))
     h, w = (last - first) // size + 1, (right - left) // size + 1
-    scale = [(float(view.black), float(view.exposure)) for view in views]
-    black, exposure = np.array(scale).T[..., None]
+    black = np.array([float(view.black) for view in views])[:, None, None]
+    one = np.array([float(view.exposure) for view in views])[:, None, None] * colour[..., None]
     seen, counts, inside = np.zeros((len(views), h, w)), np.zeros((len(views), h, w)), np.zeros((h, w))
     for r in range(h):
         tile = reader.read(first + r * size, first + r * size + 1, 1)
         c = (tile.pixels % width - left) // size
         kept = (c >= 0) & (c < w)
         c, tile = c[kept], tile.part(np.flatnonzero(kept))
-        y = (np.asarray(tile.target, np.float64).mean(1) - black) / exposure
+        y = ((np.asarray(tile.target, np.float64) - black) / one).mean(1)
         inside[r] = np.bincount(c, minlength=w)
         for v, (of, known) in enumerate(zip(y, tile.counts, strict=True)):
             seen[v, r] = np.bincount(c, of * known, w)
@@ -89,9 +99,14 @@ def surface_under(cells: Cells, s: Float[np.ndarray, "views 3"], power: Float[np
     b[cells.inside], misfit = pseudo_normals(y, counts, s)
     share = np.maximum(gaussian_filter(cells.inside.astype(float), SIGMA), 1e-9)
     smooth = np.stack([gaussian_filter(b[..., k], SIGMA) for k in range(3)], -1) / share[..., None]
-    whole = cells.inside[:-1, :-1] & cells.inside[1:, :-1] & cells.inside[:-1, 1:]
+    whole = with_neighbours(cells.inside)
     here, right, below = smooth[:-1, :-1][whole], smooth[:-1, 1:][whole], smooth[1:, :-1][whole]
     return Surface(y, counts, misfit, b, (here + right + below) / 3.0, right - here, here - below, whole)
+
+
+def with_neighbours(inside: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "g v"]:
+    """Return which cells have neighbours to the right and below."""
+    return inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:]
 
 
 def pseudo_normals(

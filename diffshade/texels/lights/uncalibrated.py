@@ -22,11 +22,11 @@ from scipy.spatial.transform import Rotation
 
 from ...core.robust_scale import robust_scale
 from ...core.thresholds import MINOR, NEGLIGIBLE, SIDE, SLIGHT
-from ...inverse.data.views import View, lights_on
+from ...inverse.data.views import View, is_grey, lights_on
 from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
 from ..tiles import LEARNING_SAMPLE, TexelTile, ViewReader
-from .matte import ROUNDS, Surface, bright_texels, cells_of, middle_levels, surface_under, texels_under
+from .matte import ROUNDS, Surface, bright_texels, cells_of, middle_levels, surface_under, texels_under, with_neighbours
 
 STARTS = 8  # turns about the camera's axis
 MAX_CURL = 2.0 * SLIGHT  # of unit normals, a cell: a larger one is an edge
@@ -45,14 +45,16 @@ def find_uncalibrated(
         light_of: Which of the lights is on in each view.
     """
     lights: list[Any] = [scene.lights[i] for view in views for i in lights_on(scene, view)]
-    power = np.array([np.mean(light.intensity) for light in lights])
-    cells = cells_of(views, reader, sample, SIDE)
+    strength = np.array([np.atleast_1d(light.intensity) for light in lights])
+    power = strength.mean(1)
+    colour = np.ones((len(views), 1)) if is_grey(views[0]) else strength / power[:, None]
+    cells = cells_of(views, reader, sample, SIDE, colour)
+    if not with_neighbours(cells.inside).any():
+        raise ValueError("the object has no texel with neighbours. Give photographs of more pixels, or the directions.")
     some = np.linspace(0, cells.inside.sum() - 1, LEARNING_SAMPLE).astype(int)
     y, counts = cells.seen[:, cells.inside][:, some], cells.counts[:, cells.inside][:, some]
     s = factorize(y / power[:, None], counts)
     surface = surface_under(cells, s, power)
-    if not surface.whole.any():
-        raise ValueError("the object has no texel with neighbours. Give photographs of more pixels, or the directions.")
     towards = s @ turned_to_surface(of_lengths(s), surface).T
     towards = towards * np.sign(np.median(towards[:, 2]))
     mean = np.stack([towards[light_of == i].mean(0) for i in range(light_of.max() + 1)])

@@ -12,13 +12,12 @@ from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ...model.vectors import Vec3, dot
-from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..light_directions import out_of_plane, scatter
 from ..lighting import LightErrors, LightingSetup
 from ..linear_systems import inverse_diagonal, solve
 from ..photometric_stereo import mean_light
-from ..prediction import KnownCoefficients
+from ..prediction import KnownCoefficients, TexelBlock
 from .candidates import lowest_minima
 from .learning import RIDGE, SHARPNESS, ObjectModel
 from .observations import BlockObservations, reflectances

@@ -22,8 +22,8 @@ from ...core.thresholds import MINOR, SLIGHT
 from ...core.words import Note
 from ...model.lobes import AbstractPowerLobe
 from ...model.vectors import Vec3
-from ..blocks import TexelBlock
 from ..estimates import Estimates
+from ..prediction import TexelBlock
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .calibration import GROUPS
@@ -63,6 +63,7 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
         return model
 
     def judged(assumed: Assumptions) -> Judged:
+        work.tiles.report_progress("choosing what to assume")
         other = eqx.tree_at(lambda one: one.assumed, model, assumed)
         for _ in range(ROUNDS):
             other = learned(other, work.sample_at_minimum(few, other))
@@ -72,9 +73,7 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     smooth, rough = (min(first[yes], key=lambda one: mean_error(one.errors)) for yes in (False, True))
     is_rough = clearly_better(smooth.errors, rough.errors, times=3.0)  # errors of the lights look a little like it
     tried, every = first[is_rough], every_assumption(rough=is_rough)
-    for k, assumed in enumerate(every[2:], 3):
-        work.tiles.report_progress("choosing what to assume:", k / len(every))
-        tried.append(judged(assumed))
+    tried += map(judged, every[2:])
     glossy, matte = (_best_of([one for one in tried if one.model.assumed.glossy == yes]) for yes in (True, False))
     return glossy.model if mean_error(glossy.errors) < mean_error(matte.errors) else matte.model
 

@@ -178,4 +178,4 @@ def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> Reflecti
     kept = ridge * current[learns] if eliminated == 4 else 0.0
     found = current.copy()
     found[learns] = nnls(L.T, np.linalg.solve(L, A.T @ target + kept))[0]
-    return shape_of(found[:-1], found[-1]) if found[:-1].sum() > 0.0 else model.shape
+    return shape_of(found[:-1] if found[:-1].sum() > 0.0 else current[:-1], found[-1])

@@ -13,6 +13,8 @@ eq. 30, whose product of cosine, sine and tangent is written here without angles
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -114,14 +116,15 @@ def shape_of(weight: Float[np.ndarray, " powers"], roughness: float) -> Reflecti
     return ReflectionShape((kept / kept.sum()).astype(np.float32), np.asarray(roughness, np.float32))
 
 
-def note_on_roughness(shape: ReflectionShape) -> tuple[Note, ...]:
-    """Return a note where k_d is that of a rough surface."""
-    if not shape.roughness > 0.0:
+def note_on_roughness(shapes: Sequence[ReflectionShape]) -> tuple[Note, ...]:
+    """Return a note where k_d is that of a rough surface, in one region or all."""
+    roughest = max(float(shape.roughness) for shape in shapes)
+    if not roughest > 0.0:
         return ()
     why = (
         "the surface is rough, as clay, plaster and stone are: it reflects more towards the light than Lambert's law "
-        f"has it (Oren and Nayar 1994: B / A is {float(shape.roughness):.2g}). The normals allow for this; k_d is that "
-        "under light from the camera, and images of the maps have what is beyond Lambert's law as the photographs show."
+        f"has it (Oren and Nayar 1994: B / A is {'up to ' if len(shapes) > 1 else ''}{roughest:.2g}). The normals "
+        "allow for this; k_d is that of a texel that faces its light."
     )
     return (Note(why, "rough"),)
 

@@ -138,7 +138,7 @@ class RobustRun(TexelWork):
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
         given, taken = reader.scene.objects[0].material.lobe, lobe_taken(self.setup.lobe)
         on_highlight = note_on_lobe(given, taken) if models[0].assumed.glossy else (MATTE_NOTE,)
-        notes = (*notes, *note, *on_highlight, *note_on_roughness(models[0].shape))
+        notes = (*notes, *note, *on_highlight, *note_on_roughness([model.shape for model in models]))
         scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, taken)
         beyond = shared.interpolation and Unexplained(shared.interpolation, store.read("unexplained"))
         highlights = self._highlights(shared.refined)

@@ -18,9 +18,9 @@ from jaxtyping import Float
 
 from ...core.fields import Array
 from ...core.thresholds import MINOR, SMALL, TINY
-from ..blocks import TexelBlock
 from ..map_arrays import MapArrays
 from ..maps import ANGLE_68
+from ..prediction import TexelBlock
 from ..status import MAX_NORMAL_ERROR, OUTSIDE, SHADOWED, UNDETERMINED, status_of
 from ..tiles import LEARNING_SAMPLE, TexelTile
 from .block_fits import Turned, turned

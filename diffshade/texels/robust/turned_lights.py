@@ -14,14 +14,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.optimize import least_squares
 
 from ...core.fields import Array
-from ...core.thresholds import DEGREE, FAR_MORE, MINOR, SMALL, TINY
+from ...core.robust_scale import robust_scale
+from ...core.thresholds import DEGREE, FAR_MORE, SMALL, TINY
 from ...core.words import Note, first_of
 from ..prediction import TexelBlock
 from ..tiles import TexelTile
 from .learning import MIN_SAMPLES, ObjectModel
+from .neighbours import ITERATIONS
 from .observations import BlockObservations
 from .robust_descent import DescentState
 from .texel_work import TexelWork
@@ -95,9 +96,13 @@ def _seen_in(texels: MatteTexels, view: int) -> Float[np.ndarray, "3"]:
     x = said.mean(-1).astype(float)
     if some.sum() >= MIN_SAMPLES:
         A = np.asarray(texels.facing).T[some].astype(float)
-        left = np.asarray(texels.shown[view])[some] - np.sum(A * said.T[some], -1)
-        first = np.linalg.lstsq(A, left, rcond=TINY)[0]
-        x = x + least_squares(lambda change: A @ change - left, first, loss="cauchy", f_scale=MINOR).x
+        left = np.asarray(texels.shown[view] - texels.matte[view])[some]
+        change = np.zeros(3)
+        for _ in range(ITERATIONS):
+            e = left - A @ change
+            weight = 1.0 / (1.0 + (e / max(robust_scale(e), TINY)) ** 2)
+            change = np.linalg.lstsq((A.T * weight) @ A, (A.T * weight) @ left, rcond=TINY)[0]
+        x = x + change
     return x / np.linalg.norm(x)
 
 
