@@ -36,14 +36,14 @@ MAX_FOLLOWED = 8  # pairs, each time
 MIN_PAIRS = 4  # pairs that touch
 
 
-def contradict(curls: Sequence[Float[np.ndarray, "g v"]]) -> bool:
+def contradict(curls: Sequence[Float[np.ndarray, "_ _"]]) -> bool:
     """Return whether a curl is significant at any resolution: whether a search for jumps is worth while."""
-    return any(np.abs(curl).max(initial=0.0) >= MIN_CURL for curl in curls)
+    return max((float(np.abs(curl).max(initial=0.0)) for curl in curls), default=0.0) >= MIN_CURL
 
 
 def discontinuities(
     grid: HeightGrid,
-    curls: Sequence[Float[np.ndarray, "g v"]],
+    curls: Sequence[Float[np.ndarray, "_ _"]],
     differences: Float[np.ndarray, " edges"],
     variances: Float[np.ndarray, " edges"],
     testable: Bool[np.ndarray, " edges"],
@@ -76,7 +76,7 @@ def discontinuities(
     return cut, u
 
 
-def _doubt(curls: Sequence[Float[np.ndarray, "g v"]]) -> Float[np.ndarray, "2 h w"]:
+def _doubt(curls: Sequence[Float[np.ndarray, "_ _"]]) -> Float[np.ndarray, "2 _ _"]:
     """Return 1 + curl^2 beside each pair, the larger of two, times the most doubt of coarser pairs that contain it."""
     finest, *coarser = curls
     doubt = 1.0 + np.maximum(*_beside(finest**2))

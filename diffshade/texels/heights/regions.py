@@ -28,7 +28,7 @@ def nearest(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, "h w"], ...]
     return tuple(place)
 
 
-def image_of(where: Bool[np.ndarray, "..."], values: np.ndarray, outside: float = 0) -> np.ndarray:
+def image_of(where: Bool[np.ndarray, "..."], values: np.ndarray, outside: float | int = 0) -> np.ndarray:
     """Return an image with these values in a mask, in the order of the image, and with one outside."""
     found = np.full((*where.shape, *values.shape[1:]), outside, values.dtype)
     found[where] = values

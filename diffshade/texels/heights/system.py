@@ -41,7 +41,7 @@ class HeightGrid(NamedTuple):
         """Number of texels."""
         return int(np.count_nonzero(self.inside))
 
-    def step(self, u: Float[np.ndarray, " texels"]) -> Float[np.ndarray, " edges"]:
+    def step(self, u: Float[np.ndarray, "texels *of"]) -> Float[np.ndarray, "edges *of"]:
         """Return the difference of each pair."""
         return u[self.end] - u[self.start]
 
