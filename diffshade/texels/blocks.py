@@ -1,4 +1,4 @@
-"""Blocks: what is fitted in one block of texels, where the fit starts, and how its lights are distributed."""
+"""Blocks: where the fit of a block of texels starts, and how its lights are distributed."""
 
 from __future__ import annotations
 

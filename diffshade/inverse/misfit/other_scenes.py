@@ -61,7 +61,7 @@ def of_roughness(at: Linearised) -> Iterator[Case]:
 
 
 def _towards_light(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
-    """Return what the roughest surfaces of a scene would show a view beyond Lambert's law."""
+    """Return what the surfaces of a scene would show a view beyond Lambert's law if B / A were 1."""
     n, p, _, n_v, ray = seen_points(scene.objects, view.camera)
     light: Any = scene.lights[lights_on(scene, view)[0]]
     l = -np.asarray(light.direction) if isinstance(light, DirectionalLight) else np.asarray(light.position) - p

@@ -68,6 +68,7 @@ def noise_scale(grid: HeightGrid, pairs: Differences) -> float:
 
     Creases and jumps, which few texels have, do not count.
     """
-    curl = curls(grid, pairs.value, pairs.shown() - pairs.crease**2)[0]
+    variances = pairs.shown() - pairs.crease**2
+    (curl,) = curls(grid, pairs.value, variances, smallest=max(grid.inside.shape))  # the finest level alone
     known = curl[curl != 0]
     return robust_scale(known) if known.size else 0.0
