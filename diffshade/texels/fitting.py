@@ -111,10 +111,10 @@ def fit_texels(
     their weight by the robust loss; a normal is the geometric median of the 3 x 3 around it, where its own may be as
     far off. That there is a highlight, that observations may be far off, and that the darkest tell little is assumed as
     far as it predicts photographs that are left out better; else the object is matte, and all observations count alike.
-    A rough surface (Oren and Nayar 1994) is assumed where it predicts them clearly better.
-    The errors contain what the model leaves out: they follow from the misfit, from the scatter of the neighbours, from
-    fits to parts of the lights, and from other normals that fit nearly as well. It computes in float32, whose rounding
-    is thousands of times smaller than those errors.
+    Another law of k_d than Lambert's, for rough surfaces (Oren and Nayar 1994) and those that light enters, is assumed
+    where it predicts them clearly better. The errors contain what the model leaves out: they follow from the misfit,
+    from the scatter of the neighbours, from fits to parts of the lights, and from other normals that fit nearly as
+    well. It computes in float32, whose rounding is thousands of times smaller than those errors.
 
     Args:
         scene: One opaque object, whose surface says where the texels are, and all lights. The values of free numbers

@@ -109,6 +109,11 @@ def oren_nayar(n: np.ndarray, l: np.ndarray, v: np.ndarray, ratio: float) -> np.
     return np.where(n_l > 0.0, n_l * (1.0 + ratio * more), 0.0)
 
 
+def wrapped(n: np.ndarray, l: np.ndarray, w: float) -> np.ndarray:
+    """Lambert's law of a surface that light enters, so that it is lit beyond where the light ends (Green 2004)."""
+    return np.maximum((np.sum(n * l, -1) + w) / (1.0 + w), 0.0)
+
+
 def _surface(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Heights, normals and the mask."""
     row, column = np.mgrid[:SIDE, :SIDE] + 0.5

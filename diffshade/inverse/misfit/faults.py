@@ -207,6 +207,14 @@ FAULTS = (
         plausible=(0.0, 1.0),
     ),
     Fault(
+        "translucent",
+        "light goes into the surface and comes out around, as in wax, marble and skin: it is lit beyond where "
+        "its light ends",
+        "No material of a scene does so. Exclude with View.mask what is near the edge of the light.",
+        other_scenes.of_translucency,
+        plausible=(0.0, 1.0),
+    ),
+    Fault(
         "missing highlight",
         "there is a highlight, with n_s near {n_s:.2g}, that the scene does not have: its k_s is 0, and not free",
         "Free 'k_s' and 'n_s'.",
@@ -277,11 +285,12 @@ FAULTS = (
     ),
     Fault(
         "size",
-        "the lamps are no points, but about {f.size:.2g} times as wide as they are far",
+        "the lights are no points, but about {f.size:.2g} times as wide as they are far",
         "Give them as ds.AreaLight, or use smaller ones.",
         other_scenes.of_size,
         size=lambda which, amount: float(np.sqrt(np.maximum(amount[0], 0.0))),
         plausible=(0.0, 1.0),
+        inexact=True,  # the first order in its square is drawn
     ),
     Fault(
         "ellipsoid",

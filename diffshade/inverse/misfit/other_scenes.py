@@ -16,6 +16,7 @@ from ...core.fields import Array
 from ...core.thresholds import MOST, SINGLE, SLIGHT, SMALL
 from ...model.attenuation import AbstractAttenuation, RadialAttenuation
 from ...model.bands import widened
+from ...model.diffuse_laws import DiffuseLaw
 from ...model.fresnel import NoFresnel
 from ...model.gbuffers import GBuffer
 from ...model.lights import AbstractLamp, DirectionalLight
@@ -24,6 +25,7 @@ from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
+from ...model.vectors import Vec3
 from ..data.recording import photograph
 from ..data.views import View, lights_on
 from ..result import Fit
@@ -32,6 +34,8 @@ from .linearised import Linearised
 from .regions import center_of, seen_points
 
 EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+USUAL_TRANSLUCENCY = 0.2  # w around which a fault is linear
+OF_ONE_PLACE = (AbstractLamp, DirectionalLight)
 STEP = SLIGHT  # relative, of lamps' distances and a sphere's axes: small beside their curvature, large beside rounding
 
 
@@ -48,30 +52,38 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
 
 
 def of_roughness(at: Linearised) -> Iterator[Case]:
-    """Yield surfaces that reflect more towards the light than Lambert's law has it, as those of clay and plaster do.
+    """Yield surfaces that reflect more towards the light, as clay and plaster do; an amount is r of their law."""
+    yield from _of_law(at, DiffuseLaw(1.0, 0.0), 1.0)
 
-    An amount is B / A of Oren and Nayar (1994), eq. 30. Each view has one light, whose light then tells k_d's share.
-    """
-    kinds = (AbstractLamp, DirectionalLight)
-    single = all(len(lit) == 1 and isinstance(at.fit.scene.lights[lit[0]], kinds) for lit in at.set_up.lit)
+
+def of_translucency(at: Linearised) -> Iterator[Case]:
+    """Yield surfaces that light enters, as wax, marble and skin; an amount is w of their law, to the first order."""
+    yield from _of_law(at, DiffuseLaw(0.0, USUAL_TRANSLUCENCY), USUAL_TRANSLUCENCY)
+
+
+def _of_law(at: Linearised, law: DiffuseLaw, amount: float) -> Iterator[Case]:
+    """Yield the change by k_d that reflects by another law, by an amount. Each view has one light, without extent."""
+    single = all(len(lit) == 1 and isinstance(at.fit.scene.lights[lit[0]], OF_ONE_PLACE) for lit in at.set_up.lit)
     plain = all(view.sensor is None for view in at.fit.views)
     if at.drawable and single and plain and not any(item.material.k_t is not None for item in at.fit.scene.objects):
-        rougher = (_towards_light(at.fit.scene, view) for view in at.fit.views)
-        yield Case(0, at.of(rougher)[None])
+        yield Case(0, at.of(_beyond_lambert(at.fit.scene, view, law) for view in at.fit.views)[None] / amount)
 
 
-def _towards_light(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
-    """Return what the surfaces of a scene would show a view beyond Lambert's law if B / A were 1."""
-    n, p, _, n_v, ray = seen_points(scene.objects, view.camera)
-    light: Any = scene.lights[lights_on(scene, view)[0]]
-    l = -np.asarray(light.direction) if isinstance(light, DirectionalLight) else np.asarray(light.position) - p
-    l = l / np.linalg.norm(l, axis=-1, keepdims=True)
-    n_l, n_v = np.sum(n * l, -1), np.maximum(n_v, SMALL)
-    more = np.maximum(-np.sum(l * ray, -1) - n_l * n_v, 0.0) / np.maximum(np.maximum(n_l, n_v), SMALL)
-    none = np.zeros(len(scene.channels))
-    matte = [replace(item.material, k_a=none, k_s=none, k_e=none, highlights=()) for item in scene.objects]
-    shown = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, matte)
-    return more[..., None] * (photograph(shown, view) - float(view.black))
+def _beyond_lambert(scene: Scene, view: View, law: DiffuseLaw) -> Float[np.ndarray, "h w c"]:
+    """Return what the surfaces of a scene show a view beyond Lambert's law."""
+    n, p, inside, n_v, ray = seen_points(scene.objects, view.camera)
+    k = lights_on(scene, view)[0]
+    light: Any = scene.lights[k]
+    l = np.asarray(light.path(None if p is None else Vec3.of(p)).l.stack())
+    n_l, none = np.sum(n * l, -1), np.zeros(len(scene.channels))
+    beyond = np.maximum(np.asarray(law.at(n_l, n_v, -np.sum(l * ray, -1))), 0.0) - np.maximum(n_l, 0.0)
+    # as its ambient light, all light that arrives is reflected whichever way a surface faces
+    each = (item.material for item in scene.objects)
+    flat = [replace(of, k_a=of.k_d, k_d=none, k_s=none, k_e=none, highlights=()) for of in each]
+    whole = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)
+    lights = [*scene.lights[:k], replace(light, ambient=light.intensity), *scene.lights[k + 1 :]]
+    shown = photograph(replace(whole, ambient=0.0, lights=lights), view) - float(view.black)
+    return np.where(inside, beyond, 0.0)[..., None] * shown
 
 
 def of_second_highlight(at: Linearised) -> Iterator[Case]:
@@ -102,23 +114,25 @@ def of_distance(at: Linearised) -> Iterator[Case]:
 
 
 def of_size(at: Linearised) -> Iterator[Case]:
-    """Yield square lamps, as wide as they are far.
+    """Yield square lights, as wide as they are far.
 
-    To the first order in the square of its width such light is the mean of that of the lamp moved to four sides, so far
-    that where its light ends on the object is drawn as gradual as that of a usual lamp is.
+    To the first order in the square of its width such light is the mean of that of the light moved to four sides, so
+    far that where its light ends on the object is drawn as gradual as that of a usual lamp is.
     """
-    lamps = any(isinstance(light, AbstractLamp) for light in at.fit.scene.lights)
-    if at.drawable and lamps and at.light.any():
-        moved = (_drawn(at, with_lamps(at.fit, partial(aside, side))) for side in ((0, 1), (0, -1), (1, 1), (1, -1)))
+    if at.drawable and at.light.any():
+        sides = (partial(aside, side) for side in ((0, 1), (0, -1), (1, 1), (1, -1)))
+        moved = (_drawn(at, with_lamps(at.fit, to_side, OF_ONE_PLACE)) for to_side in sides)
         yield Case(0, (sum(moved) / 4.0 - at.predicted)[None] / (6.0 * SMALL**2))  # whose variance is a twelfth
 
 
-def aside(side: tuple[int, int], lamp: Any, center: np.ndarray) -> Any:
-    """Return a lamp moved across the way of its light, by `SMALL` of its distance: along an axis, forth or back."""
+def aside(side: tuple[int, int], light: Any, center: np.ndarray) -> Any:
+    """Return a light moved across the way of its light, by `SMALL` of its distance: along an axis, forth or back."""
     axis, sign = side
-    arm = np.asarray(lamp.position) - center
+    place = light.placement[0]
+    there = np.asarray(getattr(light, place))
+    arm = there - center if place == "position" else there
     across = np.linalg.svd(arm[None])[2][1 + axis]
-    return eqx.tree_at(lambda of: of.position, lamp, lamp.position + sign * SMALL * np.linalg.norm(arm) * across)
+    return replace(light, **{place: there + sign * SMALL * np.linalg.norm(arm) * across})
 
 
 def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], Any], amount: float) -> Iterator[Case]:
@@ -133,10 +147,10 @@ def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], An
         yield Case(which, changed[None] / amount)
 
 
-def with_lamps(fit: Fit, change: Callable[[Any, np.ndarray], Any]) -> Scene:
-    """Return a fit's scene with all its lamps changed, given the middle of its objects."""
+def with_lamps(fit: Fit, change: Callable[[Any, np.ndarray], Any], kinds: tuple[type, ...] = (AbstractLamp,)) -> Scene:
+    """Return a fit's scene with all its lights of some kinds changed, given the middle of its objects."""
     center = center_of(fit.scene.objects, fit.views[0].camera)
-    lights = [change(light, center) if isinstance(light, AbstractLamp) else light for light in fit.scene.lights]
+    lights = [change(light, center) if isinstance(light, kinds) else light for light in fit.scene.lights]
     return replace(fit.scene, lights=lights)
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from ...core.masks import Mask
 from ...core.robust_scale import OUTLIER, robust_scale
+from ...core.thresholds import MOST
 from ..forward.sums import residuals
 from ..laid_out import LaidOut
 from ..misfit.noise_tests import FALSE_ALARM, leftovers, whiteness
@@ -33,6 +34,13 @@ class WithoutOutliers(NamedTuple):
     """How far the values are then from those with all pixels."""
     is_noise: bool
     """Whether the residuals of the others are noise."""
+    explained: float
+    """The share of the residuals' squares that goes with them."""
+
+    @property
+    def is_the_cause(self) -> bool:
+        """Whether they are what is wrong, alone or for the most part."""
+        return self.is_noise or self.explained > MOST
 
     def sentence(self, fit: Fit) -> str:
         """Say what was left out, which value it moves most, and the remedy."""
@@ -53,18 +61,19 @@ def without_outliers(fit: Fit) -> WithoutOutliers:
     """
     all_pixels = fit.solved.problem.data.part(PART)
     whole = fit.solved.changed(data=all_pixels).laid_out()
-    with_all = theta = whole.minimise().theta
+    with_all = without = whole.minimise()
     rest, far = whole, [np.zeros(view.camera.shape, bool) for view in fit.views]
     for _ in range(ROUNDS):
-        before, far = far, _far(whole, theta)
+        before, far = far, _far(whole, without.theta)
         if all(map(np.array_equal, before, far)):
             break
-        rest = fit.solved.changed(theta=theta, data=all_pixels.keeping([~of for of in far])).laid_out()
-        theta = rest.minimise().theta
-    moves = values_at(theta, fit.unknowns) - values_at(with_all, fit.unknowns)
-    is_noise = whiteness(leftovers(rest, theta)).p_value > FALSE_ALARM
+        rest = fit.solved.changed(theta=without.theta, data=all_pixels.keeping([~of for of in far])).laid_out()
+        without = rest.minimise()
+    moves = values_at(without.theta, fit.unknowns) - values_at(with_all.theta, fit.unknowns)
+    is_noise = whiteness(leftovers(rest, without.theta)).p_value > FALSE_ALARM
+    left, all_squares = (float(np.sum(end.point.views.cost)) for end in (without, with_all))
     out, pixels = np.array([of.sum() for of in far]), np.maximum(all_pixels.pixels, 1)
-    return WithoutOutliers(out.sum() / pixels.sum(), np.max(out / pixels), moves, is_noise)
+    return WithoutOutliers(out.sum() / pixels.sum(), np.max(out / pixels), moves, is_noise, 1.0 - left / all_squares)
 
 
 def _far(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> Sequence[Mask]:

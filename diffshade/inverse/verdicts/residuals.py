@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool
 
 from ...core.progress import ReportProgress
-from ...core.robust_scale import RARE
 from ...core.thresholds import MOST, NEGLIGIBLE, ROUNDING, SMALL
 from ...core.words import MAX_NAMED, Note, listing
 from ..data.samples import MIN_PILE
@@ -76,8 +75,8 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
 def _outliers(fit: Fit, seen: Explained, report_progress: ReportProgress) -> WithoutOutliers | None:
     """Return the fit without outliers, where there are some and no named fault explains a tenth of the residuals.
 
-    Where they are most of a view, the view is wrong. If the rest is no noise either, they may be none: nothing else
-    must have a name, and they must move a value far.
+    Where they are most of a view, the view is wrong. If the rest is no noise either, they may be none: they must be
+    most of what is wrong, or move a value by more than its error.
     """
     named = [f.share for f in seen.found if not f.fault.unnamed]
     sure = any(f.fault.beside or f.fault.kind == "bound" for f in seen.found) or max(named, default=0.0) > SMALL
@@ -85,8 +84,8 @@ def _outliers(fit: Fit, seen: Explained, report_progress: ReportProgress) -> Wit
         return None
     report_progress("what single pixels show")
     apart = without_outliers(fit)
-    far = np.abs(apart.moves) > RARE * np.hypot(fit.errors, seen.errors)
-    matters = apart.is_noise or (not named and bool(np.any(fit.determined & far)))
+    far = np.abs(apart.moves) > np.hypot(fit.errors, seen.errors)
+    matters = apart.is_the_cause or bool(np.any(fit.determined & far))
     return apart if apart.share > NEGLIGIBLE and apart.of_a_view < MOST and matters else None
 
 
@@ -102,7 +101,7 @@ def _notes(
     """Say what the residuals show, how sure that is, and what to do."""
     named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
     kinds, is_known = tuple(f.fault.kind for f in seen.found), bool(named) and not seen.found[0].fault.unnamed
-    if apart is not None and apart.is_noise:
+    if apart is not None and apart.is_the_cause:
         why, kinds, is_known = f"{apart.sentence(fit)} The errors allow for this.", ("outliers",), True
     elif better is not None:
         left = "." if better.leaves_noise else ", but what is left is no noise either: treat them as lower limits."
@@ -120,7 +119,7 @@ def _notes(
             f"{seen.found[0]} No fault that has a name explains it, so the model may not have its cause. The errors "
             "allow for such a change; treat them as lower limits."
         )
-    if apart is not None and not apart.is_noise:
+    if apart is not None and not apart.is_the_cause:
         why, kinds = f"{why} Perhaps also: {apart.sentence(fit)}", (*kinds, "outliers")
     lead = "" if is_noise else "the residuals are not noise: "
     notes = [Note(f"{lead}{why}", "cause" if is_known else "misfit", kinds)]

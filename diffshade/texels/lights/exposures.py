@@ -128,8 +128,8 @@ def _refined(found: Exposures, said: PlacedLights, first: Taught, error: Float[n
     every = len(first.views)
     stated = Stated(said.directions, error, np.full(every, np.inf))
     bright = said._replace(scene=said.moved(LightEstimates(said.directions, found.factor)))
-    rough = bool(first.models[0].assumed.rough)
-    refined = refine(bright, first.views, first.run, first.sample, np.arange(every), stated, rough=rough)
+    lambertian = bool(first.models[0].assumed.lambertian)
+    refined = refine(bright, first.views, first.run, first.sample, np.arange(every), stated, lambertian=lambertian)
     directions, gain = refined.lamps
     # what the model leaves out of a texel is alike over a photograph: it is no smaller for all of them
     error = np.sqrt(refined.own[:, 2] + refined.shared[:, 2] + refined.misfit**2)

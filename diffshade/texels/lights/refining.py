@@ -72,7 +72,7 @@ def refine(
     light_of: Int[np.ndarray, " views"],
     stated: Stated,
     *,
-    rough: bool = False,
+    lambertian: bool = True,
 ) -> Refined:
     """Return the lights that agree best with all texels of a sample.
 
@@ -83,12 +83,12 @@ def refine(
         sample: The texels.
         light_of: The light of each view.
         stated: What is known beside the photographs, where the rounds begin.
-        rough: Whether the surface is rough.
+        lambertian: Whether k_d reflects by Lambert's law.
     """
     lights = len(stated.directions)
     lamps, cell = LightEstimates(stated.directions, np.ones(lights)), cells_of(sample.pixels, run.tiles.reader.shape)
     run = run.under(lighting_setup(given.moved(lamps), views))
-    model, settled = run.learn(sample, every_assumption(rough=rough)[0])[0], False
+    model, settled = run.learn(sample, every_assumption(lambertian=lambertian)[0])[0], False
     covariance = np.zeros((3 * lights, 3 * lights))
     exact, brighter = not (stated.error > 0.0).any(), np.tile([0.0, 0.0, 1.0], lights)[:, None]  # k_d takes that back
     free = np.stack([stated.error > 0.0, stated.error > 0.0, np.ones(lights, bool)], -1).ravel()

@@ -50,7 +50,7 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     """Return the model of an object under the assumptions by which photographs that are left out are predicted best.
 
     Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
-    one. A rough surface is judged before, with outliers and darkness assumed. The object is matte where a highlight
+    one. Lambert's law is judged before, with outliers and darkness assumed. The object is matte where a highlight
     does not lower the error. With fewer than six views, of which none can be left out, all is assumed but that.
 
     Args:
@@ -69,10 +69,10 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
             other = learned(other, work.sample_at_minimum(few, other))
         return Judged(other, errors_of_shared(work, few, [other]))
 
-    first = {yes: [judged(assumed) for assumed in every_assumption(rough=yes)[:2]] for yes in (False, True)}
-    smooth, rough = (min(first[yes], key=lambda one: mean_error(one.errors)) for yes in (False, True))
-    is_rough = clearly_better(smooth.errors, rough.errors, times=3.0)  # errors of the lights look a little like it
-    tried, every = first[is_rough], every_assumption(rough=is_rough)
+    first = {yes: [judged(assumed) for assumed in every_assumption(lambertian=yes)[:2]] for yes in (True, False)}
+    lambert, other = (min(first[yes], key=lambda one: mean_error(one.errors)) for yes in (True, False))
+    is_other = clearly_better(lambert.errors, other.errors, times=3.0)  # errors of the lights look a little like it
+    tried, every = first[not is_other], every_assumption(lambertian=not is_other)
     tried += map(judged, every[2:])
     glossy, matte = (_best_of([one for one in tried if one.model.assumed.glossy == yes]) for yes in (True, False))
     return glossy.model if mean_error(glossy.errors) < mean_error(matte.errors) else matte.model

@@ -18,6 +18,7 @@ from scipy.optimize import nnls
 from ...core.fields import Array
 from ...core.robust_scale import MAD
 from ...core.thresholds import MINOR, MOST, NEGLIGIBLE, SMALL
+from ...model.diffuse_laws import DiffuseLaw
 from ..status import ROUNDING
 from .observations import BlockObservations
 from .reflection_shape import ReflectionShape, first_shape, shape_of
@@ -39,14 +40,14 @@ class Assumptions(eqx.Module):
     """Whether single observations may be far off, as by cast shadows; else all count alike, by squares."""
     dark_is_shadow: Bool[Array, ""]
     """Whether the darkest observations of a texel tell little, for most of them lie in shadow."""
-    rough: Bool[Array, ""]
-    """Whether k_d may reflect more towards the light than Lambert's law has it."""
+    lambertian: Bool[Array, ""]
+    """Whether k_d reflects by Lambert's law; else its `DiffuseLaw` is learned."""
 
 
-def every_assumption(*, rough: bool = False) -> list[Assumptions]:
-    """Return all of a rough surface or another, with a highlight and without in turn; outliers and shadows first."""
+def every_assumption(*, lambertian: bool = True) -> list[Assumptions]:
+    """Return all by Lambert's law or another, with a highlight and without in turn; outliers and shadows first."""
     yes = (True, False)
-    return [Assumptions(*map(np.asarray, (g, o, d, rough))) for o in yes for d in yes for g in yes]
+    return [Assumptions(*map(np.asarray, (g, o, d, lambertian))) for o in yes for d in yes for g in yes]
 
 
 class ObjectModel(eqx.Module):
@@ -98,8 +99,8 @@ class Fitted(NamedTuple):
     """Derivatives of the model by both tilts, k_d and k_s."""
     powers: Float[Array, "powers views texels"]
     """Each power of the highlight alone."""
-    by_roughness: Float[Array, "views texels"]
-    """Derivative of the model by the roughness of k_d."""
+    by_law: Float[Array, "2 views texels"]
+    """Derivatives of the model by the numbers of the law of k_d."""
     k_s: Float[Array, " texels"]
     level: Float[Array, " texels"]
     lit: Bool[Array, "views texels"]
@@ -113,11 +114,13 @@ def fitted(observed: BlockObservations, model: ObjectModel, state: DescentState)
     weighing = model.weighing(observed.level)
     here = around(observed, model.shape, weighing, state)
     powers, lit = observed.lights.shading_of_powers(state.n), observed.lights.reach(state.n)
-    J, lambert = jnp.stack(here.J), model.shape.of_lambert
-    rougher = eqx.tree_at(lambda shape: shape.roughness, lambert, jnp.ones_like(lambert.roughness))
-    D, more = (observed.lights.shading(shape, state.n)[0] for shape in (lambert, rougher))
-    by_roughness = state.k_d[None] * (more - D)
-    return Fitted(here.residual, here.weight, J, powers, by_roughness, state.k_s, observed.level, lit, weighing.scale)
+
+    def shading(law: DiffuseLaw) -> Array:
+        return observed.lights.shading(eqx.tree_at(lambda shape: shape.diffuse, model.shape, law), state.n)[0]
+
+    by_law = state.k_d[None, None] * jnp.stack(jax.jacfwd(shading)(jax.tree.map(jnp.asarray, model.shape.diffuse)))
+    J, k_s, level = jnp.stack(here.J), state.k_s, observed.level
+    return Fitted(here.residual, here.weight, J, powers, by_law, k_s, level, lit, weighing.scale)
 
 
 def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> ObjectModel:
@@ -157,12 +160,13 @@ def typical_level(level: Float[np.ndarray, " texels"]) -> float:
 
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> ReflectionShape:
     """Return the shape after a Gauss-Newton step on what may be learned, the first numbers of each texel eliminated."""
-    current = np.append(np.asarray(model.shape.weight, np.float64), model.shape.roughness)
-    learns = np.append(np.full(len(current) - 1, model.assumed.glossy), model.assumed.rough)
+    powers, law = len(model.shape.weight), model.shape.diffuse
+    current = np.array([*model.shape.weight, *law], np.float64)
+    learns = np.repeat([model.assumed.glossy, not model.assumed.lambertian], [powers, len(law)])
     if not learns.any():
         return model.shape
     root = np.sqrt(texels.weight / texels.scale[None] ** 2).T[..., None]  # (texels, views, 1)
-    A = np.concatenate([texels.k_s * texels.powers, texels.by_roughness[None]])[learns]
+    A = np.concatenate([texels.k_s * texels.powers, texels.by_law])[learns]
     A = np.moveaxis(A, 0, -1).swapaxes(0, 1) * root
     target = A @ current[learns] - texels.residual.T * root[..., 0]
     Q, _ = np.linalg.qr(np.moveaxis(np.asarray(texels.J[:eliminated]), 0, -1).swapaxes(0, 1) * root)
@@ -170,12 +174,13 @@ def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> Reflecti
     target = target - (Q @ (Q.swapaxes(1, 2) @ target[..., None]))[..., 0]
     A, target = A.reshape(-1, learns.sum()), target.ravel()
     G = A.T @ A
-    powers, rough = np.split(np.diag(G), [learns[:-1].sum()])
-    mean = np.append(np.full(len(powers), powers.mean() if len(powers) else 0.0), rough)
+    of_powers, of_law = np.split(np.diag(G), [learns[:powers].sum()])
+    mean = np.append(np.full(len(of_powers), of_powers.mean() if len(of_powers) else 0.0), of_law)
     ridge = np.maximum(RIDGE * mean, np.finfo(np.float32).tiny)  # where no texel has a highlight, all is 0
     L = np.linalg.cholesky(G + np.diag(ridge))
     # without k_s, the size of the weights is nobody's: they stay near the current ones
     kept = ridge * current[learns] if eliminated == 4 else 0.0
     found = current.copy()
     found[learns] = nnls(L.T, np.linalg.solve(L, A.T @ target + kept))[0]
-    return shape_of(found[:-1] if found[:-1].sum() > 0.0 else current[:-1], found[-1])
+    weight, law = np.split(found, [powers])
+    return shape_of(weight if weight.sum() > 0.0 else current[:powers], DiffuseLaw(*law))

@@ -12,10 +12,10 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import Bool, Float
 
 from ...core.fields import Array
-from ...core.thresholds import SMALL
+from ...model.diffuse_laws import LAMBERT, DiffuseLaw
 from ...model.lobes import AbstractPowerLobe
 from ...model.vectors import Vec3, dot
 from ..blocks import TexelBlock, reflected
@@ -41,7 +41,7 @@ class Lights(eqx.Module):
 
     def shading(self, shape: ReflectionShape, n: Vec3) -> tuple[Array, Array]:
         """Return D and S of each view, for normals of shape (1, texels)."""
-        lit, D, cosine = self._cosines(n, shape.roughness)
+        lit, D, cosine = self._cosines(n, shape.diffuse)
         S, _ = shape.at(cosine)
         return self._sum(jnp.where(lit, D, 0.0)), self._sum(jnp.where(lit, S, 0.0))
 
@@ -58,7 +58,7 @@ class Lights(eqx.Module):
 
     def slopes(self, shape: ReflectionShape, n: Vec3, tangents: tuple[Vec3, Vec3]) -> tuple[Array, ...]:
         """Return D and S of each view, and the derivatives of both along two tangents of the normals."""
-        (D, cosine), along = jax.linearize(partial(self._of_normal, roughness=shape.roughness), n)
+        (D, cosine), along = jax.linearize(partial(self._of_normal, diffuse=shape.diffuse), n)
         lit, cosine, inside = D > 0.0, jnp.clip(cosine, 0.0, 1.0), cosine > 0.0
         S, by_cosine = shape.at(cosine)
         found = [jnp.where(lit, D, 0.0), jnp.where(lit, S, 0.0)]
@@ -75,15 +75,14 @@ class Lights(eqx.Module):
         """Return in which views a light reaches the texels."""
         return self._sum(jnp.where(self._cosines(n)[0], 1.0, 0.0)) > 0.0
 
-    def _of_normal(self, n: Vec3, roughness: Float[ArrayLike, ""] = 0.0) -> tuple[Array, Array]:
+    def _of_normal(self, n: Vec3, diffuse: DiffuseLaw = LAMBERT) -> tuple[Array, Array]:
         """Return D of each emitter, below 0 where none of its light arrives, and the cosine of the lobe."""
         n = jax.tree.map(lambda c: c[None, None], n)
-        n_l, n_v = dot(n, self.l), jnp.maximum(dot(n, self.v), SMALL)
-        towards_light = jnp.maximum(dot(self.l, self.v) - n_l * n_v, 0.0) * jnp.clip(n_l / n_v, 0.0, 1.0)
-        return n_l + roughness * towards_light, self.lobe.cosine(n, self.l, self.v)
+        D = diffuse.at(dot(n, self.l), dot(n, self.v), dot(self.l, self.v))
+        return D, self.lobe.cosine(n, self.l, self.v)
 
-    def _cosines(self, n: Vec3, roughness: Float[ArrayLike, ""] = 0.0) -> tuple[Array, Array, Array]:
-        D, cosine = self._of_normal(n, roughness)
+    def _cosines(self, n: Vec3, diffuse: DiffuseLaw = LAMBERT) -> tuple[Array, Array, Array]:
+        D, cosine = self._of_normal(n, diffuse)
         return D > 0.0, D, jnp.clip(cosine, 0.0, 1.0)
 
     def _sum(self, each: Float[Array, "views emitters texels"]) -> Float[Array, "views texels"]:

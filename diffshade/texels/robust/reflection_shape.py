@@ -5,10 +5,7 @@ $$ S = \sum_j w_j (\cos)_+^{p_j}, \quad p_j = 4 \cdot 2^j, \quad w_j \ge 0, \qua
 Real highlights have a narrow core and long tails, which no single exponent has, and one texel shows too little of its
 highlight to say where in between it lies.
 
-$$ D = (n \cdot l)_+ + r (l \cdot v - n \cdot l \; n \cdot v)_+ \min(1, n \cdot l / n \cdot v) $$
-
-Clay, plaster and stone reflect more towards the light than Lambert's law has it. r is B / A of Oren and Nayar (1994),
-eq. 30, whose product of cosine, sine and tangent is written here without angles.
+k_d reflects by a `DiffuseLaw`, which is Lambert's unless another one predicts photographs clearly better.
 """
 
 from __future__ import annotations
@@ -16,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,6 +21,7 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...core.thresholds import SLIGHT
 from ...core.words import Note
+from ...model.diffuse_laws import LAMBERT, DiffuseLaw
 from ...model.lobes import AbstractPowerLobe, AbstractReflectance, Blinn, Phong
 from ...model.vectors import Vec3
 
@@ -31,11 +30,10 @@ FIRST = 4  # index of the exponent, 64, that learning begins with
 
 
 class ReflectionShape(eqx.Module):
-    """The weights of the powers of a highlight, and r of k_d."""
+    """The weights of the powers of a highlight, and the law of k_d."""
 
     weight: Float[Array, " powers"]
-    roughness: Float[Array, ""]
-    """r: 0 by Lambert's law, .9 of the roughest surface of Oren and Nayar."""
+    diffuse: DiffuseLaw
 
     def at(self, cosine: Float[Array, "..."]) -> tuple[Array, Array]:
         """Return S and its derivative by the cosine, at cosines from 0 to 1."""
@@ -47,7 +45,7 @@ class ReflectionShape(eqx.Module):
     @property
     def of_lambert(self) -> ReflectionShape:
         """The same highlight beside Lambert's law, as the maps' scene has it."""
-        return eqx.tree_at(lambda shape: shape.roughness, self, jnp.zeros_like(self.roughness))
+        return eqx.tree_at(lambda shape: shape.diffuse, self, jax.tree.map(jnp.zeros_like, self.diffuse))
 
     @property
     def albedo(self) -> Array:
@@ -107,26 +105,31 @@ def lobe_taken(lobe: AbstractPowerLobe) -> AbstractPowerLobe:
 
 def first_shape() -> ReflectionShape:
     """Return the shape that learning begins with."""
-    return shape_of(np.eye(len(EXPONENTS))[FIRST], 0.0)
+    return shape_of(np.eye(len(EXPONENTS))[FIRST], LAMBERT)
 
 
-def shape_of(weight: Float[np.ndarray, " powers"], roughness: float) -> ReflectionShape:
-    """Return the shape of these weights, small ones left out, and this roughness."""
+def shape_of(weight: Float[np.ndarray, " powers"], diffuse: DiffuseLaw) -> ReflectionShape:
+    """Return the shape of these weights, small ones left out, and this law of k_d."""
     kept = np.where(weight < SLIGHT * weight.sum(), 0.0, weight)
-    return ReflectionShape((kept / kept.sum()).astype(np.float32), np.asarray(roughness, np.float32))
+    law = DiffuseLaw(*(np.asarray(number, np.float32) for number in diffuse))
+    return ReflectionShape((kept / kept.sum()).astype(np.float32), law)
 
 
-def note_on_roughness(shapes: Sequence[ReflectionShape]) -> tuple[Note, ...]:
-    """Return a note where k_d is that of a rough surface, in one region or all."""
-    roughest = max(float(shape.roughness) for shape in shapes)
-    if not roughest > 0.0:
-        return ()
-    why = (
+def notes_on_diffuse(shapes: Sequence[ReflectionShape]) -> tuple[Note, ...]:
+    """Return a note for each way in which k_d departs from Lambert's law, in one region or all."""
+    r, w = (max(map(float, numbers)) for numbers in zip(*(shape.diffuse for shape in shapes), strict=True))
+    most = "up to " if len(shapes) > 1 else ""
+    allowed = "The normals allow for this; k_d is that of a texel that faces its light."
+    rough = (
         "the surface is rough, as clay, plaster and stone are: it reflects more towards the light than Lambert's law "
-        f"has it (Oren and Nayar 1994: B / A is {'up to ' if len(shapes) > 1 else ''}{roughest:.2g}). The normals "
-        "allow for this; k_d is that of a texel that faces its light."
+        f"has it (Oren and Nayar 1994: B / A is {most}{r:.2g}). {allowed}"
     )
-    return (Note(why, "rough"),)
+    translucent = (
+        "light goes into the surface and comes out around, as in wax, marble and skin, or its lamps are wide: it is "
+        f"lit until {most}{np.rad2deg(np.arcsin(min(w, 1.0))):.2g} degrees beyond where the light ends. {allowed}"
+    )
+    told = ((r, rough, "rough"), (w, translucent, "translucent"))
+    return tuple(Note(why, kind) for number, why, kind in told if number > SLIGHT)
 
 
 def note_on_lobe(given: AbstractReflectance, taken: AbstractReflectance) -> tuple[Note, ...]:

@@ -27,7 +27,7 @@ from .choice import MATTE_NOTE, ROUNDS, best_model, from_nothing
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .learning import Assumptions, ObjectModel, learned
 from .neighbours import MARGIN, corrected, grid_of, mean_around, scatter_of
-from .reflection_shape import EXPONENTS, EitherLobe, beside_blinn, lobe_taken, note_on_lobe, note_on_roughness
+from .reflection_shape import EXPONENTS, EitherLobe, beside_blinn, lobe_taken, note_on_lobe, notes_on_diffuse
 from .stated_errors import COLUMNS, PartFits, SpreadColumns, fit_parts, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
@@ -138,7 +138,7 @@ class RobustRun(TexelWork):
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
         given, taken = reader.scene.objects[0].material.lobe, lobe_taken(self.setup.lobe)
         on_highlight = note_on_lobe(given, taken) if models[0].assumed.glossy else (MATTE_NOTE,)
-        notes = (*notes, *note, *on_highlight, *note_on_roughness([model.shape for model in models]))
+        notes = (*notes, *note, *on_highlight, *notes_on_diffuse([model.shape for model in models]))
         scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, taken)
         beyond = shared.interpolation and Unexplained(shared.interpolation, store.read("unexplained"))
         highlights = self._highlights(shared.refined)
