@@ -93,15 +93,18 @@ def write_json(materials: Mapping[str, Material], lights: Any, bases: Mapping[st
         }
         tables.append(table)
     pictures = into_three(tables, bases or {})
-    several = {"metadata": {"version": 4.6, "type": "Object", "generator": "diffshade"}, "materials": tables}
-    several |= pictures
-    several["object"] = {"uuid": "diffshade", "type": "Group"}
-    single = {"metadata": {"version": 4.6, "type": "Material", "generator": "diffshade"}, **tables[0], **pictures}
+    document = {"metadata": {"version": 4.6, "type": "Material", "generator": "diffshade"}, **tables[0], **pictures}
     draft = together(drafts, "")
     if len(tables) > 1:
+        document = {
+            "metadata": document["metadata"] | {"type": "Object"},
+            "materials": tables,
+            **pictures,
+            "object": {"uuid": "diffshade", "type": "Group"},
+        }
         more = "load them with new THREE.ObjectLoader().parseMaterials(json.materials, {})."
         draft = draft._replace(notes=(*draft.notes, more))
-    text = json.dumps(several if len(tables) > 1 else single, indent=2, ensure_ascii=False)
+    text = json.dumps(document, indent=2, ensure_ascii=False)
     return draft._replace(text=text + "\n")
 
 

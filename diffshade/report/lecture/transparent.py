@@ -15,7 +15,7 @@ from ...model.scenes import Object, Scene
 from ...model.surfaces import Box, Plane, Sphere
 from ...model.transmission import bend
 from ...model.vectors import Vec3, reflect, refract
-from .pages import GREY, grid, page, place
+from .pages import GREY, grid, page
 from .pictures import Picture, evaluate, picture, toward
 from .sketches import RED, arc, arrow, ray, sheet, vector
 
@@ -38,10 +38,7 @@ def snell() -> Figure:
             (_draw_leaving, "out of glass: total reflection beyond 38.4°"),
         )
     ):
-        axes = place(figure, 0.2 + 3.45 * i, 0.8, 3.3, 2.95)
-        sheet(axes, (-1.2, 1.2), (-1.07, 1.07))
-        axes.set_title(title, fontsize=10, pad=4)
-        draw(axes)
+        draw(sheet(figure, (0.2 + 3.45 * i, 0.8), (3.3, 2.95), (-1.2, 1.2), (-1.07, 1.07), title))
     return figure
 
 
@@ -54,9 +51,7 @@ def transmission_vector() -> Figure:
     bent = 180 - float(np.rad2deg(np.arctan2(T.x, -T.y)))
     words = r"$T = (\frac{\eta_i}{\eta_r}\cos\theta_i - \cos\theta_r)\,n - \frac{\eta_i}{\eta_r}\,l$"
     for i, title in enumerate(("$l$, $n$, $r$ and $T$ lie in one plane", words)):
-        axes = place(figure, 0.2 + 4.7 * i, 0.85, 4.5, 3.6)
-        sheet(axes, (-1.5, 1.5), (-1.15, 1.25))
-        axes.set_title(title, fontsize=11, pad=4)
+        axes = sheet(figure, (0.2 + 4.7 * i, 0.85), (4.5, 3.6), (-1.5, 1.5), (-1.15, 1.25), title, 11)
         axes.fill_between([-1.5, 1.5], -1.15, 0, color=GLASS)
         axes.text(1.45, 0.08, r"$\eta_i$ (air)", ha="right", fontsize=11)
         axes.text(1.45, -0.08, r"$\eta_r$ (glass)", ha="right", va="top", fontsize=11)
