@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -126,31 +126,28 @@ def _before_chequer(k_t: Numbers, eta: float, k_d: Numbers = (0.55, 0.25, 0.15))
 
 
 def _balls(k_t: float, depths: tuple[int, int, int]) -> Picture:
-    """Return a red, a green and a blue ball at depths, a larger number nearer, before white."""
-    angles, colours = np.deg2rad([90, 210, 330]), ((0.9, 0.06, 0.04), (0.08, 0.6, 0.1), (0.05, 0.12, 0.9))
-    balls = [
-        Object(
-            Sphere((0.5 * np.cos(a), 0.5 * np.sin(a), 2.0 * z), 0.75),
-            Material(0.4 * np.array(k), 0.6 * np.array(k), 0.4, 40, k_t=k_t),
-        )
-        for a, k, z in zip(angles, colours, depths, strict=True)
-    ]
-    camera = OrthographicCamera((0, 0.1, 8), target=(0, 0.1, 0), height=2.7, shape=(220, 220))
-    return picture(Scene(balls, DirectionalLight((-0.4, -0.5, -1)), background=0.9), camera)
+    """Return a red, a green and a blue ball at depths, before white."""
+    colours = np.array([(0.9, 0.06, 0.04), (0.08, 0.6, 0.1), (0.05, 0.12, 0.9)])
+    materials = [Material(0.4 * k, 0.6 * k, 0.4, 40, k_t=k_t) for k in colours]
+    return _three(materials, 0.75, 0.5, depths, lights=DirectionalLight((-0.4, -0.5, -1)), background=0.9)
 
 
 def _filters() -> Picture:
     """Return three panes of glass before white, each of which keeps back one of red, green and blue."""
-    angles = np.deg2rad([90, 210, 330])
-    panes = [
-        Object(
-            Sphere((0.42 * np.cos(a), 0.42 * np.sin(a), 2.0 * i), 0.72),
-            Material(k_a=0, k_t=np.where(np.arange(3) == i, 0.08, 0.95)),
-        )
-        for i, a in enumerate(angles)
+    materials = [Material(k_a=0, k_t=np.where(np.arange(3) == i, 0.08, 0.95)) for i in range(3)]
+    return _three(materials, 0.72, 0.42, (0, 1, 2), background=0.95)
+
+
+def _three(
+    materials: list[Material], radius: float, apart: float, depths: tuple[int, int, int], **scene: Any
+) -> Picture:
+    """Return three balls around the axis of a camera, at depths, a larger number nearer."""
+    balls = [
+        Object(Sphere((apart * np.cos(a), apart * np.sin(a), 2.0 * z), radius), material)
+        for a, z, material in zip(np.deg2rad([90, 210, 330]), depths, materials, strict=True)
     ]
     camera = OrthographicCamera((0, 0.1, 8), target=(0, 0.1, 0), height=2.7, shape=(220, 220))
-    return picture(Scene(panes, background=0.95), camera)
+    return picture(Scene(balls, **scene), camera)
 
 
 def _draw_entering(axes: Axes) -> None:
