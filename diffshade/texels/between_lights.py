@@ -59,15 +59,6 @@ class Neighbours(NamedTuple):
         return cls(beyond, shown, np.argsort(_apart(lights, seen), axis=-1, kind="stable")[:, :NEAREST])
 
 
-class Sample(NamedTuple):
-    """What is known of some texels under one light."""
-
-    units: Float[Array, "units texels"]
-    candidates: Float[Array, "candidates channels texels"]
-    """Beyond what is expected."""
-    expected: Float[Array, "channels texels"]
-
-
 class BetweenLights(NamedTuple):
     """How photographs under new lights are predicted."""
 
@@ -92,9 +83,8 @@ class BetweenLights(NamedTuple):
         seen, here = model[: len(beyond)], model[len(beyond) :]
         largest = jnp.max(beyond + seen, 0)
 
-        def under(sample: Sample, here: Array) -> Array:
-            shares = jnp.asarray(self.weights) @ sample.units
-            shown = sample.expected + jnp.sum(shares[:, None] * sample.candidates, 0)
+        def under(units: Array, candidates: Array, expected: Array, here: Array) -> Array:
+            shown = expected + jnp.sum((jnp.asarray(self.weights) @ units)[:, None] * candidates, 0)
             return jnp.clip(shown, 0.0, 2.0 * jnp.maximum(largest, here)) - here
 
         new = _of_each(under, self.neighbours, beyond, seen, here, self.least)
@@ -172,7 +162,11 @@ def _of_each(
     least: Float[Array, ""],
     *more: Float[Array, "lights channels texels"],
 ) -> T:
-    """Return for each light the result of its sample, of the model's reflectance there, and of more."""
+    """Return for each light a result.
+
+    It is of the units of its texels, of the candidates beyond what is expected, of that, of the model's reflectance
+    there, and of more.
+    """
     shown = beyond + model
     grey = shown.mean(1)
     level = jnp.maximum(grey.mean(0), least)
@@ -184,7 +178,7 @@ def _of_each(
         x = jnp.stack([here.mean(0), smooth.mean(0), *grey[nearest]]) / level[None] - 1.0
         units = jnp.maximum(A.astype(np.float32) @ x + a.astype(np.float32), 0.0)
         candidates = jnp.stack([jnp.zeros_like(here), smooth, *shown[nearest]])
-        return result(Sample(units, candidates - expected[None], expected), here, *more)
+        return result(units, candidates - expected[None], expected, here, *more)
 
     return jax.lax.map(under, (of.nearest, expected, smooth, here, *more))
 
@@ -203,9 +197,9 @@ def _moments(
     They are summed over every second texel, and over the others.
     """
 
-    def moments(sample: Sample, _: Array, shown: Array) -> Array:
-        terms = sample.candidates[:, None] * sample.units[None, :, None]
-        terms = jnp.concatenate([terms.reshape(-1, *shown.shape), (shown - sample.expected)[None]])
+    def moments(units: Array, candidates: Array, expected: Array, _: Array, shown: Array) -> Array:
+        terms = candidates[:, None] * units[None, :, None]
+        terms = jnp.concatenate([terms.reshape(-1, *shown.shape), (shown - expected)[None]])
         return jnp.stack([jnp.einsum("ict,jct->ij", half, half) for half in (terms[..., ::2], terms[..., 1::2])])
 
     return _of_each(moments, of, beyond, model, here, least, shown)
