@@ -11,19 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 
-from ..core.fields import Array
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT, SMALL, TINY
 from ..core.words import Note
 from ..inverse.data.views import View
 from ..inverse.misfit.conventions import axes_in_words, orders, other_axes
 from ..model.cameras import axes
-from ..model.lights import AbstractEmitter
 from ..model.scenes import Scene
 from ..model.vectors import Vec3
 from .light_directions import MIN_SPREAD
@@ -51,7 +48,7 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
     if lights is None or len(views) < FEW or not len(sample.pixels):
         return None
     towards, middle = lights.directions, Vec3.of(lights.middle)
-    power = np.array([np.mean(_arriving(scene.lights[i], middle)) for i in lights.used])
+    power = np.array([np.mean(scene.lights[i].arriving(middle)[1].stack()) for i in lights.used])
     off_plane = np.linalg.svd(towards, compute_uv=False)[2] / np.sqrt(len(views))
     cells = cells_of(views, reader, sample, SAMPLED_ROWS, np.ones((len(views), 1)))  # whatever light each is given
     given, found = surface_under(cells, towards, power), None
@@ -99,12 +96,6 @@ def _described_otherwise(
         return None
     inside_out = any(np.allclose(A, half_turn) for A in turned)
     return f"{found}{', unless the object is hollow at its outline' if inside_out else ''}"
-
-
-@jax.jit
-def _arriving(light: AbstractEmitter, p: Vec3) -> Array:
-    """Return the light that arrives at a point."""
-    return light.arriving(p)[1].stack()
 
 
 def _doubt(surface: Surface, A: Float[np.ndarray, "3 3"]) -> float:
