@@ -83,7 +83,6 @@ class LaidOut:
             theta,
             task,
             self.chunks if chunks is None else chunks,
-            squares=self.squares,
             max_steps=MAX_STEPS,
             rtol=rtol,
             damping=damping,

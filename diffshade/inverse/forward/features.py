@@ -64,8 +64,6 @@ SERVED = {
 class FeatureModel(AbstractForwardModel):
     """The predictions of one object's material, as sums of features."""
 
-    setting: Setting
-    likelihood: Likelihood
     with_exponent: bool = eqx.field(static=True)
     """Whether n_s is unknown."""
     fading: tuple[tuple[str, ...], ...] = eqx.field(static=True)
@@ -81,11 +79,6 @@ class FeatureModel(AbstractForwardModel):
     def projects(self) -> bool:
         """Whether one pass gives the Gram at any linear unknowns: where the Gram of the features is shared."""
         return self.shared
-
-    @property
-    def transparent(self) -> bool:
-        """Whether light passes through an object: no."""
-        return False
 
     def seen(self, pixels: Pixels, view: Any, counts: Any) -> Seen:
         """Return the points that a chunk's pixels show."""

@@ -61,18 +61,18 @@ class AbstractForwardModel(eqx.Module):
     `gram`. Memory holds one block's derivatives at a time.
     """
 
-    setting: eqx.AbstractVar[Setting]
-    likelihood: eqx.AbstractVar[Likelihood]
+    setting: Setting
+    likelihood: Likelihood
 
     @property
-    @abstractmethod
     def projects(self) -> bool:
         """Whether one pass gives the Gram at any linear unknowns (variable projection)."""
+        return False
 
     @property
-    @abstractmethod
     def transparent(self) -> bool:
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
+        return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
     def seen(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
         """Return the points that a chunk's pixels show, which are the same in all views of one camera.

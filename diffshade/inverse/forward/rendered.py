@@ -48,20 +48,8 @@ AROUND = _around()
 class RenderedModel(AbstractForwardModel):
     """The predictions of any scene, by rendering its pixels; derivatives by `jax.linearize`."""
 
-    setting: Setting
-    likelihood: Likelihood
     steepest: Float[Array, " p"] | None = None
     """During a search, a sample counts only if |sqrt(w) dm/dtheta| is at most this for every unknown; None: always."""
-
-    @property
-    def projects(self) -> bool:
-        """Whether one pass gives the Gram at any linear unknowns: no."""
-        return False
-
-    @property
-    def transparent(self) -> bool:
-        """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
-        return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""
