@@ -85,12 +85,8 @@ class AbstractForwardModel(eqx.Module):
         """Return what `predict` needs to know of points: `Block.points`, which known lights are a part of."""
         return seen
 
-    def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return what `predict` needs to know of a chunk's pixels."""
-        return self.lit(self.seen(pixels, view, counts), view)
-
     def points(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return `fields` as a part of another program, with derivatives by the scene and the cameras."""
+        """Return `lit` of `seen` as a part of another program, with derivatives by the scene and the cameras."""
         return pixels
 
     @abstractmethod

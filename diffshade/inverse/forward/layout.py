@@ -69,16 +69,13 @@ def points_of(
         counts[: len(parts), 0] = [len(part.pixels) for part in parts]
         return place(parts, size, over_pixels, length), views_of(parts, length), np.arange(size) < counts
 
-    def at_once(pair: tuple) -> Any:
-        return jax.device_put(model.fields(*pixels_of(first[pair], len(first[pair]))))
-
     def seen(key: tuple) -> Any:
         """Return what a camera shows; blocks of a chunk that show the same are found once."""
         parts, different = first[by_camera[key][0]], list(dict.fromkeys(key))
+        if not _repeats(key):
+            return jax.device_put(model.seen(*pixels_of(parts, len(parts))))
         length = padded_length(len(different))
         once = model.seen(*pixels_of([parts[key.index(block)] for block in different], length))
-        if length == len(different) == len(key):
-            return jax.device_put(once)
         index = [different.index(block) for block in key]
         return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
 
@@ -88,11 +85,9 @@ def points_of(
         found = on_all_cores(lambda pair: model.lit(points[pair[0]], views_of(first[pair])), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    alone = {key: of[0] for key, of in by_camera.items() if len(of) == 1 and not _repeats(key)}
-    shared = [key for key in by_camera if key not in alone]
-    found = dict(zip(alone.values(), on_all_cores(at_once, alone.values()), strict=True))
-    for start in range(0, len(shared), cores()):  # a few at a time: what is seen takes more memory than what is kept
-        found |= lit(shared[start : start + cores()])
+    keys, found = list(by_camera), {}
+    for start in range(0, len(keys), cores()):  # a few at a time: what is seen takes more memory than what is kept
+        found |= lit(keys[start : start + cores()])
     return [found[pair] for pair in alike]
 
 

@@ -152,11 +152,6 @@ def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
     return jax.vmap(of_block)(seen, view)
 
 
-def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
-    """Return the fields of a chunk's pixels."""
-    return fields_at(setting, points_seen(setting, pixels, view, counts), view)
-
-
 def _or(found: Numbers | None, default: Numbers) -> Numbers:
     return default if found is None else found
 
@@ -164,4 +159,3 @@ def _or(found: Numbers | None, default: Numbers) -> Numbers:
 # The same, compiled
 seen_by_chunk = partial(points_seen, find=jit_quickly(_points, options=SOONER))
 fields_of_chunk = jit_quickly(fields_at, options=SOONER)
-fields_seen_by_chunk = jit_quickly(fields_seen, options=SOONER)
