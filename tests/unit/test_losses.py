@@ -78,6 +78,11 @@ def test_rho_is_s_where_residuals_are_small_and_its_derivative_is_that_of_its_va
     s = jnp.asarray([1e-6, 0.3, 1.5, 1.9, 10.0, 1e4])
     np.testing.assert_allclose(rho.slope(s), jax.vmap(jax.grad(rho.value))(s), rtol=1e-10)
     np.testing.assert_allclose(rho.value(s[:1]), s[:1], rtol=1e-6)
+    r, h = jnp.sqrt(s), 1e-6
+    psi, slope = rho.influence(r)
+    np.testing.assert_allclose(psi, r * rho.slope(s), rtol=1e-12)
+    there, back = (rho.influence(r + step)[0] for step in (h, -h))
+    np.testing.assert_allclose(slope, (there - back) / (2 * h), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(("loss", "tuning"), ROBUST.items())
@@ -174,7 +179,7 @@ def test_for_squares_the_variance_is_that_of_the_residuals():
 def test_the_variance_of_a_robust_estimate_is_hubers_formula(loss):
     """psi^2 / (N - p) / (mean psi')^2, times mean rho' since H is weighted by that."""
     r = np.random.default_rng(1).standard_t(2, 400)
-    psi, slope = influence(r / SIGMA, loss)
+    psi, slope = map(np.asarray, LOSSES[loss].influence(jnp.asarray(r / SIGMA)))
     weight = np.asarray(LOSSES[loss].slope((r / SIGMA) ** 2))
     expected = np.sum((SIGMA * psi) ** 2) / 395 / slope.mean() ** 2 * weight.mean()
     assert variance(spread(r, loss), 5) == pytest.approx(expected, rel=1e-10)

@@ -60,7 +60,7 @@ def test_photographs_in_other_units_give_the_same_material_times_that_unit():
 
 @jax.jit
 def step(y, g, H, lower, upper, step_size, projected=None):
-    solver = within(lower, upper) if projected is None else GramLevenbergMarquardt(lower, upper, projected)
+    solver = within(lower, upper, projected)
     of_view = ByView(jnp.zeros(1), g[None], H[None], None)
     here = Point(jnp.asarray(y), Gram(jnp.asarray(0.0), jnp.asarray(g), Dense(jnp.asarray(H))), of_view)
     return solver.newton(here, step_size, jnp.diagonal(H))[0]
@@ -163,8 +163,9 @@ def linear_least_squares(y, args):
     return one_view(y, 0.5 * r @ r, A.T @ r, A.T @ A)
 
 
-def within(lower, upper, **options) -> GramLevenbergMarquardt:
-    return GramLevenbergMarquardt(lower, upper, jnp.zeros(len(lower), bool), **options)
+def within(lower, upper, projected=None, **options) -> GramLevenbergMarquardt:
+    projected = jnp.zeros(len(lower), bool) if projected is None else projected
+    return GramLevenbergMarquardt(lower=lower, upper=upper, projected=projected, **options)
 
 
 @jax.jit

@@ -112,9 +112,9 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         It is the minimum of the damped quadratic model over the box. D, the `scale`, is the running maximum of diag(H),
         so that the step does not depend on the units of an unknown (More 1978).
         """
-        y, of = point.theta, point.total
+        low, high = (jnp.asarray(end) - point.theta for end in (self.lower, self.upper))
         damping = jnp.where(self.projected, TINY, 1.0 / step_size + 1e-15)
-        dy = box_step(of.hessian, of.gradient, damping, self.lower - y, self.upper - y, scale)
+        dy = box_step(point.total.hessian, point.total.gradient, damping, low, high, scale)
         finite = jnp.all(jnp.isfinite(dy))
         result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
         return jnp.where(finite, dy, 0.0), result
@@ -169,7 +169,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
             gain=predicted,
             steps=state.steps + 1,
         )
-        return state.point.theta, state, state.point
+        return jnp.asarray(state.point.theta), state, state.point
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], Any]:
         return state.done, state.result

@@ -269,7 +269,15 @@ def _solver(
 ) -> GramLevenbergMarquardt:
     rounding = 4.0 * float(jnp.finfo(jnp.result_type(float)).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
-    return GramLevenbergMarquardt(box.lower, box.upper, linear, damping, rtol, 1e-25 * squares, rounding)
+    return GramLevenbergMarquardt(
+        lower=box.lower,
+        upper=box.upper,
+        projected=linear,
+        damping=damping,
+        rtol=rtol,
+        atol=1e-25 * squares,
+        rounding=rounding,
+    )
 
 
 def minimum_in_jax(
