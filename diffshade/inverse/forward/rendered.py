@@ -109,7 +109,7 @@ class RenderedModel(AbstractForwardModel):
                 at = index
             J = jnp.stack(stored(jax.vmap(derivative)(seeds)))  # (channels, seeds, pixels)
             weight = seen.weight if self.steepest is None else self._gentle(J, index, seen.weight)
-            terms = jax.vmap(self.likelihood.terms)(jnp.stack(m), seen.target, weight, seen.clipped)
+            terms = self.likelihood.terms(jnp.stack(m), seen.target, weight, seen.clipped)
             slope = jnp.einsum("csp,cp->cs", J, terms.slope)
             curvature = jnp.einsum("csp,ctp->cst", J * terms.curvature[:, None], J)
             added = Gram(
