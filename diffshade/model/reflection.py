@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from ..core.fields import Array, Colour
+from ..core.thresholds import SMALL
 from .lights import AbstractEmitter, AbstractLight
 from .lobes import AbstractLobe, Coefficients
 from .materials import Material
@@ -47,6 +48,17 @@ def _with_highlights(total: Vec3, material: Material, k: Coefficients, n: Vec3, 
         W = material.fresnel.weight(k_s, k.eta, jnp.where(lit, n_l, 0.0))
         total = total + W * more.lobe.gated(lit, n_s, n, l, v)
     return total
+
+
+def towards_light(n_l: Array, n_v: Array, l_v: Array) -> Array:
+    r"""Return what a rough surface reflects towards the light beyond Lambert's law, over that, where B / A is 1.
+
+    $$ (l \cdot v - n \cdot l \; n \cdot v)_+ / \max(n \cdot l, n \cdot v) $$
+
+    This is $\cos(\phi_l - \phi_v)_+ \sin\alpha \tan\beta$ of Oren and Nayar (1994), eq. 30.
+    """
+    n_v = jnp.maximum(n_v, SMALL)
+    return jnp.maximum(l_v - n_l * n_v, 0.0) / jnp.maximum(n_l, n_v)
 
 
 def reflection(

@@ -22,6 +22,7 @@ from ...model.lights import AbstractLamp, DirectionalLight
 from ...model.lobes import EXPONENTS, AbstractPowerLobe, Blinn, Phong
 from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
+from ...model.reflection import towards_light
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from ..data.recording import photograph
@@ -66,8 +67,7 @@ def _towards_light(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
     light: Any = scene.lights[lights_on(scene, view)[0]]
     l = -np.asarray(light.direction) if isinstance(light, DirectionalLight) else np.asarray(light.position) - p
     l = l / np.linalg.norm(l, axis=-1, keepdims=True)
-    n_l, n_v = np.sum(n * l, -1), np.maximum(n_v, SMALL)
-    more = np.maximum(-np.sum(l * ray, -1) - n_l * n_v, 0.0) / np.maximum(np.maximum(n_l, n_v), SMALL)
+    more = np.asarray(towards_light(np.sum(n * l, -1), n_v, -np.sum(l * ray, -1)))
     none = np.zeros(len(scene.channels))
     matte = [replace(item.material, k_a=none, k_s=none, k_e=none, highlights=()) for item in scene.objects]
     shown = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, matte)
