@@ -102,17 +102,11 @@ class AppliedLights:
             FileExistsError: If `folder` holds other files.
             OSError: If a file cannot be written.
         """
-        folder = check_folder(folder)
-        write_photographs(
-            folder,
-            self.names,
-            (np.asarray(image[:], np.float64) for image in self.photographs.images()),
-            self.mask,
-            self.directions,
-            self.intensities,
-            self.light_error,
-            self.lights.distances / self.lights.picture_height if self.lights.picture_height else None,
-        )
+        folder, height = check_folder(folder), self.lights.picture_height
+        images = (np.asarray(image[:], np.float64) for image in self.photographs.images())
+        distances = self.lights.distances / height if height else None
+        lights = self.directions, self.intensities, self.light_error, distances
+        write_photographs(folder, self.names, images, self.mask, *lights)
         return folder
 
     def __str__(self) -> str:

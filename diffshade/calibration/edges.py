@@ -64,19 +64,11 @@ def _proposed(shown: Picture) -> list[Circle]:
 
     small, scale = shrunk(shown, SIDE)
     smooth = (255.0 * small).astype(np.uint8)
-    circles = []
+    circles, (low, high) = [], (int(radius * SIDE) for radius in RADII)
     for picture in (smooth, cv2.createCLAHE(3.0, (4, 4)).apply(smooth)):
+        blurred = cv2.medianBlur(picture, 5)
         for slope in (300.0, 100.0):  # by Scharr's derivative, of an edge
-            found = cv2.HoughCircles(
-                cv2.medianBlur(picture, 5),
-                cv2.HOUGH_GRADIENT_ALT,
-                1.5,
-                10.0,
-                None,
-                slope,
-                0.5,
-                *(int(radius * SIDE) for radius in RADII),
-            )  # pyright: ignore[reportCallIssue, reportArgumentType]
+            found = cv2.HoughCircles(blurred, cv2.HOUGH_GRADIENT_ALT, 1.5, 10.0, None, slope, 0.5, low, high)
             circles += [] if found is None else list(found[0].astype(float) / scale)
     return circles
 

@@ -74,7 +74,7 @@ def by_fit(taken: Photographs, ball: Ball, report_progress: Callable[[str], None
     report_progress("pose, light and material")
     found = _fit_ball(scene, views, priors)
     report_progress("errors")
-    if _model_fails(found.clusters):
+    if found.clusters.by_jackknife.any() and found.clusters.scatter > FAR_MORE:  # patches disagree beyond noise
         found = _fit_with_pose_held(found.fit, views, ball, priors, shaded)
     return _as_calibration(taken, ball, _without_unseen_depth(found, ball))
 
@@ -101,11 +101,6 @@ def _fit_ball(scene: Scene, views: Sequence[View], priors: Priors, *, start: str
     with in_float64(found) as own:
         clusters = find_clusters(own)
     return BallFit(found, clusters, clusters.standard_errors(), found.determined, np.zeros(len(views)))
-
-
-def _model_fails(clusters: Clusters) -> bool:
-    """Whether the patches of the ball disagree more than noise explains."""
-    return bool(clusters.by_jackknife.any()) and clusters.scatter > FAR_MORE
 
 
 def _fit_with_pose_held(first: Fit, views: Sequence[View], ball: Ball, priors: Priors, shaded: Vectors) -> BallFit:

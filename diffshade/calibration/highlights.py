@@ -52,7 +52,8 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     Raises:
         ValueError: If the ball is black, or shows no highlight.
     """
-    box, top, left = _box(ball.mask)
+    box = _box(ball.mask)
+    top, left = box[0].start, box[1].start
     mask, picture = ball.mask[box], picture[box]
     row, column = np.nonzero(mask)
     _, n, v = ball.seen(row + top + 0.5, column + left + 0.5)
@@ -123,17 +124,13 @@ def largest_disc(piece: Bool[np.ndarray, "h w"]) -> float:
 
 def _depth(piece: Bool[np.ndarray, "h w"]) -> tuple[tuple[slice, slice], Float[np.ndarray, "rows columns"]]:
     """Return the rows and columns that a region spans, and how deep in it these pixels are, with one more around."""
-    box = _box(piece)[0]
+    box = _box(piece)
     return box, np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
 
 
-def _box(piece: Bool[np.ndarray, "h w"]) -> tuple[tuple[slice, slice], int, int]:
-    """Return the rows and columns that a region spans, and the first of each."""
-    if not piece.any():
-        return np.s_[0:0, 0:0], 0, 0
-    rows, columns = (np.flatnonzero(piece.any(axis)) for axis in (1, 0))
-    top, left = int(rows[0]), int(columns[0])
-    return np.s_[top : rows[-1] + 1, left : columns[-1] + 1], top, left
+def _box(piece: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
+    """Return the rows and columns that a region spans."""
+    return next(iter(ndimage.find_objects(piece.astype(np.uint8))), np.s_[0:0, 0:0])
 
 
 def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3"]]:

@@ -6,6 +6,7 @@ import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -125,7 +126,7 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
     at = _linear(shading, b, s, unit, ways)
     ends = np.searchsorted(shading.patch, np.arange(shading.patch.max() + 2))
     patches = [slice(first, last) for first, last in itertools.pairwise(ends) if last > first]
-    without = [_minus(normal, _normal(at, weights, patch)) for patch in patches]
+    without = [jax.tree.map(np.subtract, normal, _normal(at, weights, patch)) for patch in patches]
     moved = np.einsum("ijk,pik->pij", ways, np.array([_solve(one, 1e-9)[0] for one in without]))
     # the cost's curvature is psi' = (1 - t^2) w^2, t = r / (2.385 sigma); the normal equations have the weights w
     t2 = (at.residuals / (CAUCHY * scale)) ** 2
@@ -181,10 +182,6 @@ def _with_prior(normal: Normal, s: np.ndarray, scale: float) -> Normal:
     return normal._replace(
         shared=normal.shared + strength * np.eye(len(s)), shared_gradient=normal.shared_gradient + strength * s
     )
-
-
-def _minus(whole: Normal, part: Normal) -> Normal:
-    return Normal(*(a - b for a, b in zip(whole, part, strict=True)))
 
 
 def _solve(normal: Normal, damping: float) -> tuple[np.ndarray, np.ndarray]:

@@ -216,24 +216,18 @@ def between(balls: Sequence[Calibration]) -> tuple[Vectors, Numbers, list[str]]:
     mean = each.mean(0)
     directions = mean / np.linalg.norm(mean, axis=-1, keepdims=True)
     if len(balls) == 1:
-        return (
-            directions,
-            own,
-            [
-                "the object is taken to stand where the ball stood: beside it, a lamp 10 times as far away is off by "
-                "up to 6 degrees. Photograph a ball on either side of the object."
-            ],
+        stands = (
+            "the object is taken to stand where the ball stood: beside it, a lamp 10 times as far away is off by "
+            "up to 6 degrees. Photograph a ball on either side of the object."
         )
+        return directions, own, [stands]
     apart = np.max([degrees(one, directions) for one in each], 0)
     half = float(np.mean(apart))
-    return (
-        directions,
-        np.hypot(own, apart / np.sqrt(3.0)),
-        [
-            f"the object is taken to stand in the middle of the balls. Their directions are {half:.2g} degrees from "
-            f"that on average and {apart.max():.2g} at most, so a place halfway from there to one of them turns the "
-            f"lights by {half / 2.0:.2g}; the errors contain any place between them.",
-            "the lamps' distances are not used: over an object as wide as the balls are apart, directions differ by "
-            f"{2.0 * half:.2g} degrees from side to side.",
-        ],
-    )
+    notes = [
+        f"the object is taken to stand in the middle of the balls. Their directions are {half:.2g} degrees from "
+        f"that on average and {apart.max():.2g} at most, so a place halfway from there to one of them turns the "
+        f"lights by {half / 2.0:.2g}; the errors contain any place between them.",
+        "the lamps' distances are not used: over an object as wide as the balls are apart, directions differ by "
+        f"{2.0 * half:.2g} degrees from side to side.",
+    ]
+    return directions, np.hypot(own, apart / np.sqrt(3.0)), notes

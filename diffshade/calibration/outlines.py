@@ -8,6 +8,7 @@ is reflected, and not always the same. A vignette, a plate or a shadow on the wa
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,9 @@ REMEDY = (
     "Look at a photograph, and give the ball's column, row and radius there, circle=(x, y, r) (--circle X,Y,R), "
     "or a mask, mask='mask.png' (--mask)."
 )
+
+
+SHARE = attrgetter("share")
 
 
 class Outline(NamedTuple):
@@ -79,7 +83,7 @@ def find_outline(photographs: Sequence[Picture], mean: Picture, rooms: Sequence[
     scale = max(photographs[0].shape) / max(mean.shape)
     by_room = [found for room in rooms for found in _candidates(room, photographs, parts)]
     own = [found for found in _candidates(mean, photographs, parts) if found.agreed > MOST * len(parts)]
-    if not (ranked := [*sorted(by_room, key=_share, reverse=True), *sorted(own, key=_share, reverse=True)]):
+    if not (ranked := [of for found in (by_room, own) for of in sorted(found, key=SHARE, reverse=True)]):
         raise ValueError(
             "the ball's outline was not found: no circle has both an edge that the photographs share and each light's "
             f"highlight in it. {REMEDY}"
@@ -91,10 +95,6 @@ def find_outline(photographs: Sequence[Picture], mean: Picture, rooms: Sequence[
             fit = " and ".join("({:.0f}, {:.0f}, {:.0f})".format(*(of.circle / scale)) for of in (best, other))
             raise ValueError(f"the ball's outline is not certain: circles {fit} fit. {REMEDY}")
     return _in_whole(best, scale)
-
-
-def _share(of: _Proposal) -> float:
-    return of.share
 
 
 def _candidates(picture: Picture, photographs: Sequence[Picture], parts: Sequence[Picture]) -> list[_Proposal]:

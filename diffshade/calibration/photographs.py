@@ -52,7 +52,7 @@ class Photographs:
 
     def grey(self, i: int) -> Float[np.ndarray, "h w"]:
         """Return the mean of the channels of one photograph, in the rows of the balls; 0 elsewhere."""
-        rows = self._rows
+        rows = _rows_of(np.logical_or.reduce(self.masks))
         found = np.zeros(self.images[i].shape[:2])
         found[rows] = _grey(np.asarray(self.images[i][rows], np.float64))
         return found
@@ -61,10 +61,6 @@ class Photographs:
         """Return the pixels of one photograph with a sample at 1, the top of a file's range, or above."""
         image = np.asarray(self.images[i][:])
         return np.asarray((image >= top_of(image)).any(-1))
-
-    @property
-    def _rows(self) -> slice:
-        return _rows_of(np.logical_or.reduce(self.masks))
 
 
 def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False, circle: Any = None) -> Photographs:

@@ -144,15 +144,11 @@ class Calibration:
         )
         write_scene(folder / "scene.toml", self.scene, camera=self.camera)
         if isinstance(self.camera, OrthographicCamera):
-            self._write_layout(folder)
+            intensities = np.ones_like(self.directions) if self.intensities is None else self.intensities
+            write_array(folder / "normal_gt.npy", self.normals)
+            write_lights(folder, self.directions, intensities)
         # written last: its presence marks a complete folder
         write_file(folder / "filenames.txt", "".join(f"{name}\n" for name in names))
-
-    def _write_layout(self, folder: Path) -> None:
-        """Write the lights and normals in DiLiGenT's layout."""
-        intensities = np.ones_like(self.directions) if self.intensities is None else self.intensities
-        write_array(folder / "normal_gt.npy", self.normals)
-        write_lights(folder, self.directions, intensities)
 
     def __str__(self) -> str:
         """Return the table of the lights, and the notes below it."""

@@ -91,13 +91,13 @@ def find_lamps(
     """
     problem = _Problem(directions, np.deg2rad(errors) / np.sqrt(2.0), radius, baseline)
     found = min((problem.solve(start) for start in problem.starts()), key=lambda solution: solution.cost)
-    if baseline is None and np.sum(problem.nearness(found.x)) < 0.0:  # the same, with the balls exchanged
+    if baseline is None and np.sum(found.x[problem.of_nearness]) < 0.0:  # the same, with the balls exchanged
         found = problem.solve(problem.mirrored(found.x))
     spare = max(directions.shape[1] - (2 if baseline is None else 0), 1)
     misfit = float(np.sqrt(2.0 * found.cost / spare))
     problem.sigma = problem.sigma * max(misfit, 1.0)
     found = problem.solve(found.x)
-    w, error = problem.nearness(found.x), np.sqrt(np.diag(_inverse(found.jac))[problem.of_nearness])
+    w, error = found.x[problem.of_nearness], np.sqrt(np.diag(_inverse(found.jac))[problem.of_nearness])
     mean, scatter, of_mean = _scatter(w, error)
     problem.prior = mean, scatter
     found = problem.solve(found.x)
@@ -149,9 +149,6 @@ class _Problem:
         """Return the solution with the baseline turned round, and the nearness of the other sign."""
         self.frame = _frame(-self.parts(x)[0])
         return np.concatenate([np.zeros(2), x[self.of_directions], -x[self.of_nearness]])
-
-    def nearness(self, x: np.ndarray) -> np.ndarray:
-        return x[self.of_nearness]
 
     def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the baseline, the directions from the middle, and the nearness."""

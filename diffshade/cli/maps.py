@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -83,8 +83,8 @@ def texels(
             response = _response(found.scene, [found.views[i] for i in seen])
             sensor = response.views[0].sensor
             found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
-        fit = TexelFit(found, typed, free, seen, out, shared, not alone, not as_exposed, not as_placed, bands=bands)
-        maps, made = fit.maps()
+        options: dict[str, Any] = {"neighbours": not alone, "match_exposures": not as_exposed, "align": not as_placed}
+        maps, made = _fitted(found, typed, free, seen, out, shared=shared, bands=bands, **options)
     maps = replace(maps, notes=tuple(with_names(note, names) for note in maps.notes))  # as its page names them, too
     maps.describe(out)
     made = None if made is None else replace(made, result=maps)
@@ -167,59 +167,39 @@ def _response(scene: ds.Scene, views: list[ds.View]) -> FoundResponse:
     return response
 
 
-@dataclass(frozen=True)
-class TexelFit:
-    """The maps that a command asks for."""
+def _fitted(
+    found: Source,
+    typed: Options,
+    free: tuple[str, ...],
+    seen: list[int],
+    out: Path,
+    *,
+    shared: bool,
+    bands: bool,
+    **options: Any,
+) -> tuple[ds.TexelMaps, PredictionBands | None]:
+    """Return the maps that a command asks for, from the photographs that are `seen`, and the bands."""
+    import numpy as np
 
-    found: Source
-    typed: Options
-    free: tuple[str, ...]
-    seen: list[int]
-    """The photographs that are fitted."""
-    out: Path
-    shared: bool
-    neighbours: bool
-    match_exposures: bool
-    align: bool
-    bands: bool
+    import diffshade as ds
 
-    def maps(self) -> tuple[ds.TexelMaps, PredictionBands | None]:
-        """Return the maps, and the bands."""
-        import diffshade as ds
+    if typed.memory is not None:
+        options["memory"] = int(typed.memory * 1e9)
+    error: Any = typed.light_error
+    if error is None and set(free) == {*FREE, "normal"} and typed.loss != "squares":  # those of the folder can be used
+        error = found.light_errors
+    views = [found.views[i] for i in seen]
+    regions = np.zeros(views[0].camera.shape, int) if shared else None
 
-        views = [self.found.views[i] for i in self.seen]
-        if not self.bands:
-            return self._fit_some(views), None
-        made = ds.fit_bands(self._fit_some, views)
-        return cast("ds.TexelMaps", made.result), made
+    def fit_some(some: Sequence[ds.View]) -> ds.TexelMaps:
+        kept = out if len(some) == len(views) else None
+        more = {"regions": regions, "light_error": error, "out": kept, "progress": True, **options}
+        return ds.fit_texels(found.scene, some, free=free, loss=typed.loss, **more)
 
-    def _light_error(self) -> Any:
-        """Return the errors of the lights: as asked for, or the folder's where they can be used."""
-        errors, asked = self.found.light_errors, self.typed.light_error
-        if asked is not None or errors is None or set(self.free) != {*FREE, "normal"} or self.typed.loss == "squares":
-            return asked
-        return errors
-
-    def _fit_some(self, views: Sequence[ds.View]) -> ds.TexelMaps:
-        import numpy as np
-
-        import diffshade as ds
-
-        memory: dict[str, Any] = {} if self.typed.memory is None else {"memory": int(self.typed.memory * 1e9)}
-        return ds.fit_texels(
-            self.found.scene,
-            views,
-            free=self.free,
-            loss=self.typed.loss,
-            regions=np.zeros(views[0].camera.shape, int) if self.shared else None,
-            neighbours=self.neighbours,
-            match_exposures=self.match_exposures,
-            align=self.align,
-            light_error=self._light_error(),
-            out=self.out if len(views) == len(self.seen) else None,
-            progress=True,
-            **memory,
-        )
+    if not bands:
+        return fit_some(views), None
+    made = ds.fit_bands(fit_some, views)
+    return cast("ds.TexelMaps", made.result), made
 
 
 def divided(count: int, hold_out: int | None) -> tuple[list[int], list[int]]:

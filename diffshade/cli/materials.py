@@ -154,27 +154,24 @@ def check_out(paths: Iterable[Path], given: Iterable[Path]) -> None:
         writable(path)
 
 
-def put_material(path: Path, material: ds.Material, *, name: str = "", about: str = "") -> Exported | Path:
-    """Write a material for another program, or (.toml) on a ball in a scene, depending on the suffix."""
-    import diffshade as ds
+def put_material(path: Path, material: ds.Material, *, about: str = "") -> Exported | Path:
+    """Write a material as `put_materials` does, by the name of the file."""
+    return put_materials(path, {word_of(path): material}, {}, about=about)
 
+
+def put_materials(
+    path: Path, materials: Mapping[str, ds.Material], bases: Mapping[str, BaseColour], *, about: str = ""
+) -> Exported | Path:
+    """Write materials for another program, or (.toml) on balls in a scene, depending on the suffix."""
+    from ..exchange.material_files import write_textured
     from ..io.files import write_file
 
     if path.suffix.lower() != ".toml":
-        return ds.exchange.write_material(path, material, name=name or word_of(path))
-    write_file(path, starter(path, material, about or f"a ball of {word_of(path)}."))
-    return path
-
-
-def put_materials(path: Path, materials: Mapping[str, ds.Material], bases: Mapping[str, BaseColour]) -> Exported | Path:
-    """Write materials for another program, or (.toml) on balls in a scene, depending on the suffix."""
-    from ..exchange.material_files import write_textured
-
-    if path.suffix.lower() != ".toml":
         return write_textured(path, materials, bases)
-    if len(materials) == 1:
-        return put_material(path, *materials.values())
-    return _put_balls(path, materials)
+    if len(materials) > 1:
+        return _put_balls(path, materials)
+    write_file(path, starter(path, next(iter(materials.values())), about or f"a ball of {word_of(path)}."))
+    return path
 
 
 def _put_balls(path: Path, materials: Mapping[str, ds.Material]) -> Path:

@@ -17,7 +17,7 @@ from ..core.tables import as_text, parameters
 from ..inverse.data.recording import photograph
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import Noise, View, has_alpha
-from ..inverse.fitting import check_choices, check_free, new_problem
+from ..inverse.fitting import checked, new_problem
 from ..inverse.laid_out import lay_out
 from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
@@ -86,9 +86,7 @@ def forecast(
         ValueError: If `noise` is not above 0, or an argument is refused by `fit`.
         TypeError: If an argument has another type.
     """
-    views = (views,) if isinstance(views, View) else tuple(views)
-    constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
-    check_choices(scene, views, constraints, "squares", "hinge", "search")
+    views, constraints = checked(scene, views, constraints)
     if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
     with in_float64((jax.tree.map(as_float64, scene), views)) as (scene, views), ONE_BLAS_THREAD:
@@ -97,7 +95,6 @@ def forecast(
         unknowns = find_unknowns(
             scene, views, free, tied, bounds, constraints, priors, from_scene=True, grey=bool(data.grey)
         )
-        check_free(unknowns)
         data = dataclasses.replace(data, views=views)
         problem = new_problem(scene, data, unknowns, "squares", "hinge", forecast=True)
         theta = coordinates(values_in(scene, views, unknowns), unknowns)

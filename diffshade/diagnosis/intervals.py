@@ -73,9 +73,7 @@ class LikelihoodProfile:
         """Return the interval's end on one side, in the unknown's own unit, or its bound if that comes first."""
         unknown, fit = self.fit.unknowns[j], self.fit
         bound = unknown.lower if side < 0 else unknown.upper
-        if fit.values[j] == bound:
-            return float(bound)
-        if not np.isfinite(self.errors[j]) or not fit.evidence.regular[j]:
+        if fit.values[j] == bound or not np.isfinite(self.errors[j]) or not fit.evidence.regular[j]:
             return float(bound)
         to_bound = abs(self.bounds[side > 0][j] - self.laid.theta[j])
         reach = errors * self.errors[j]

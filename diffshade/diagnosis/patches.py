@@ -17,6 +17,7 @@ from ..inverse.data.samples import Samples
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.forward.gram import ByView
 from ..inverse.forward.sums import sum_over, waves
+from ..inverse.laid_out import LaidOut
 from ..inverse.pixels.blocks import Block, block_size, pieces
 from ..inverse.problem import FitProblem
 from ..inverse.result import Fit
@@ -47,6 +48,10 @@ class Parts:
         size = min(problem.block_size, block_size(of_views))
         return [problem.lay_out(pieces(part, size), size) for part in self.samples]
 
+    def weighed(self, laid: LaidOut) -> list[list[Block]]:
+        """Return the chunks of each part, weighed where the problem was laid out."""
+        return [laid.problem.reweigh(laid.theta, of) for of in self.lay_out(laid.problem)]
+
 
 def find_clusters(fit: Fit) -> Clusters:
     """Return the views if there are three or more, else patches wider than the correlation length of the residuals."""
@@ -56,7 +61,7 @@ def find_clusters(fit: Fit) -> Clusters:
     if len(patches) < FEW:
         return independent(fit.evidence, patches.words)
     laid = fit.solved.laid_out()
-    chunks = [laid.problem.reweigh(laid.theta, of) for of in patches.lay_out(laid.problem)]
+    chunks = patches.weighed(laid)
     slope = coordinate_slopes(fit.values, fit.unknowns)
     grams = [gram_of(laid.theta, laid.model, of) for of in chunks]
     every = np.ones(len(slope), bool)

@@ -21,7 +21,7 @@ from ..inverse.statistics.evidence import Evidence
 from ..inverse.statistics.identifiability import null_directions, relative_errors, some_channels, vague
 from ..inverse.statistics.uncertainty import SINGULAR, Matrix, Vector, scaled
 from ..inverse.unknowns.names import is_named
-from ..inverse.unknowns.unknown import Unknown
+from ..inverse.unknowns.unknown import Unknown, by_quantity
 from ..model.scenes import as_tuple
 from .shots import Shot, information_of_shot, unknowns_of_lamp
 
@@ -65,7 +65,7 @@ class Plan:
     @property
     def columns(self) -> dict[str, Any]:
         """The columns of the table, by their heads: what is known now, and the shots, the best first."""
-        order, quantities = list(self.order), list(dict.fromkeys(u.quantity for u in self.unknowns))
+        order, quantities = list(self.order), list(by_quantity(self.unknowns))
         errors = [self.cells(of, quantities) for of in (self.now, *self.errors[order])]
         columns: dict[str, Any] = {"shot": ["now", *(self.names[i] for i in order)]}
         columns |= dict(zip(quantities, zip(*errors, strict=True), strict=True))
@@ -87,11 +87,13 @@ class Plan:
         It is a percentage of the value, or an absolute error for a value without a scale; - marks an unknown that is
         not determined.
         """
-        relative = relative_to_values(self.unknowns, self.values, errors, self.scales)
+        relative, members = (
+            relative_to_values(self.unknowns, self.values, errors, self.scales),
+            by_quantity(self.unknowns),
+        )
         cells = []
         for quantity in quantities:
-            members = [j for j, u in enumerate(self.unknowns) if u.quantity == quantity]
-            worst = max(members, key=lambda j: errors[j] if relative[j] == 0 else relative[j])
+            worst = max(members[quantity], key=lambda j: errors[j] if relative[j] == 0 else relative[j])
             size = percent(relative[worst]) if relative[worst] > 0 else f"{errors[worst]:.2g}"
             cells.append(size if np.isfinite(errors[worst]) else "-")
         return cells

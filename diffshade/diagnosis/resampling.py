@@ -10,6 +10,7 @@ from ..core.fields import check_kind
 from ..core.progress import showing
 from ..inverse.result import Fit
 from ..inverse.unknowns.unknown import values_at
+from .patches import Parts, keep_only
 
 
 def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = False) -> Float[np.ndarray, "draws p"]:
@@ -48,11 +49,11 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
         showing("bootstrap", show=progress) as report_progress,
         in_float64(fit) as fit,
     ):
-        laid = fit.solved.laid_out()
-        chunks = laid.by_view()
+        laid, data = fit.solved.laid_out(), fit.solved.problem.data
+        chunks = Parts([keep_only(data, group) for group in groups], "views").weighed(laid)
         for draw in range(draws):
             report_progress(f"draw {draw + 1} of {draws}", draw / draws)
-            drawn = [v for g in random.integers(len(groups), size=len(groups)) for v in groups[g]]
-            theta = laid.minimise(chunks=[chunk for v in drawn for chunk in chunks[v]], rtol=1e-10).theta
+            drawn = random.integers(len(groups), size=len(groups))
+            theta = laid.minimise(chunks=[chunk for g in drawn for chunk in chunks[g]], rtol=1e-10).theta
             found[draw] = values_at(theta, fit.unknowns)
     return found

@@ -130,11 +130,8 @@ class ColourPicture(NamedTuple):
                     raise ValueError(f"cannot read {path}: a pixel is below 0 or not finite. Give it a colour.")
                 return np.array(found) if isinstance(found, np.memmap) else found
             except (OSError, ImportError, ValueError) as error:
-                raise ValueError(f"{error}".replace(f"{path}", self._called)) from None
-
-    @property
-    def _called(self) -> str:
-        return "its picture" if self.is_packed else self.uri[:80]
+                called = "its picture" if self.is_packed else self.uri[:80]
+                raise ValueError(f"{error}".replace(f"{path}", called)) from None
 
     def texels(self) -> Texels:
         """Return its pixels.
@@ -197,26 +194,21 @@ class Look:
     """A material with its base colour."""
 
     def __init__(self, material: Material, base: BaseColour, texels: Texels | None = None):
-        self.material, self.base, self._texels = material, base, texels
-
-    @property
-    def has_picture(self) -> bool:
-        """Whether a picture colours its points."""
-        return self._texels is not None
+        self.material, self.base, self.texels = material, base, texels
 
     def is_of(self, path: Path) -> bool:
         """Whether its picture is the file at a path."""
         picture = self.base.picture
-        if self._texels is None or picture is None or picture.is_packed:
+        if self.texels is None or picture is None or picture.is_packed:
             return False
         return path.exists() and path.samefile(picture.file())
 
     def colour(self, look: Float[np.ndarray, "*s 6"]) -> Float[np.ndarray, "*s 4"]:
         """Return the colour and alpha at points of these looks."""
         colour = np.clip(np.nan_to_num(look[..., 2:]), 0.0, 1.0)
-        if self._texels is None or self.base.picture is None:
+        if self.texels is None or self.base.picture is None:
             return colour
-        return colour * self.base.picture.at(self._texels, look[..., :2])
+        return colour * self.base.picture.at(self.texels, look[..., :2])
 
     def shows(self, look: Float[np.ndarray, "points 6"]) -> Any:
         """Return which points of these looks are there."""
@@ -224,7 +216,7 @@ class Look:
 
     def over(self, look: Float[np.ndarray, "h w 6"] | None) -> Material:
         """Return the material at pixels of these looks: its coefficients times the colour there."""
-        if look is None or (self._texels is None and (look[..., 2:] == 1.0).all()):
+        if look is None or (self.texels is None and (look[..., 2:] == 1.0).all()):
             return self.material
         m, rgba = self.material, self.colour(look)
         colour, alpha = rgba[..., :3], rgba[..., 3:]

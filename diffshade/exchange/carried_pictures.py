@@ -182,18 +182,15 @@ def into_gltf(document: dict[str, Any], bases: Mapping[str, BaseColour]) -> None
 
 def into_three(tables: list[dict[str, Any]], bases: Mapping[str, BaseColour]) -> dict[str, Any]:
     """Add the pictures of materials to their tables of three.js's JSON; return its lists of textures and images."""
-    images, textures = [], []
+    urls, textures = [], []
     for table in tables:
         base = bases.get(table["name"])
         if base is None or (picture := base.picture) is None:
             continue
-        image = {"uuid": f"image_{len(images)}", "url": uri_of(picture.uri)}
-        image = next((of for of in images if of["url"] == image["url"]), image)
-        images += [image] if image not in images else []
         wide, high, _ = _parts(picture)
         texture = {
             "uuid": f"texture_{len(textures)}",
-            "image": image["uuid"],
+            "image": f"image_{_index(urls, uri_of(picture.uri))}",
             "wrap": [THREE_WRAPS[of] for of in picture.wrap],
             "offset": [picture.place[0][2], 1.0 - high - picture.place[1][2]],
             "repeat": [wide, high],
@@ -210,10 +207,11 @@ def into_three(tables: list[dict[str, Any]], bases: Mapping[str, BaseColour]) ->
         table |= {"emissiveMap": texture["uuid"]} if "k_a" in base.fields else {}  # which stands for ambient light
         table |= {"alphaTest": base.cutoff} if base.cutoff is not None else {}
         table |= {"transparent": True} if base.blends else {}
+    images = [{"uuid": f"image_{i}", "url": url} for i, url in enumerate(urls)]
     return {"textures": textures, "images": images} if images else {}
 
 
-def _index(rows: list[dict[str, Any]], row: dict[str, Any]) -> int:
+def _index(rows: list[Any], row: Any) -> int:
     """Return the index of a row, which is added if it is not there."""
     if row not in rows:
         rows.append(row)

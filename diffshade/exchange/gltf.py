@@ -99,14 +99,8 @@ def _written(name: str, material: Material, lights: Any) -> tuple[dict[str, Any]
     base, through, ior = _glass(material, surface)
     notes += notes_on_glass(material, "glTF without transmission", colour=through > 0, eta=ior > 0)
     if through > 0:
-        notes.append(
-            "k_t is written as KHR_materials_transmission, which is blurred by the roughness"
-            + (
-                ", and eta as KHR_materials_ior, which bends light only in a volume, which is not written."
-                if ior
-                else "."
-            )
-        )
+        bends = ", and eta as KHR_materials_ior, which bends light only in a volume, which is not written" * (ior > 0)
+        notes.append(f"k_t is written as KHR_materials_transmission, which is blurred by the roughness{bends}.")
     notes.append("multiply the intensity of each light by pi: glTF divides the diffuse term by pi.")
     k_e, strength = np.asarray(material.k_e), max(1.0, float(np.max(material.k_e)))
     alpha = 1.0 if through else opacity(material)

@@ -33,10 +33,9 @@ from .map_textures import (
     stored,
     write_pictures,
 )
-from .metallic_roughness import F0, ggx, kept
+from .metallic_roughness import F0, MetallicRoughness
 from .reference import EDGE, Reference
 
-ROUGHNESSES = 64  # for which multiple scattering is computed, where each texel has its own
 ATTRIBUTES = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_0", "_HEIGHT_ERROR")
 # What glTF writes for numbers of a kind, and for their use: floats are attributes, unsigned ones indices (section 5).
 COMPONENTS = {"f": 5126, "u": 5125}
@@ -109,22 +108,13 @@ def reflected(
     head_on: Float[np.ndarray, "h w 3"],
     roughness: Float[np.ndarray, "h w"],
 ) -> Float[np.ndarray, "h w 3"]:
-    """Return the radiance of textures under a light of pi in the direction l, as `MetallicRoughness.reflected` does."""
-    n = normal.reshape(-1, 3)
+    """Return the radiance of textures under a light of pi in the direction l."""
+    n, head_on = normal.reshape(-1, 3), head_on.reshape(-1, 3)
     points = Reference(np.where(n[:, 2:] > EDGE, n, [0.0, 0.0, 1.0]), np.broadcast_to(l, n.shape))
-    seen = points.n_l > EDGE
-    n_l = np.where(seen, points.n_l, 1.0)
-    points = Reference(np.where(seen[:, None], points.n, l), points.l)
-    alpha, F0_, kd = roughness.ravel() ** 2, head_on.reshape(-1, 3), base.reshape(-1, 3)
-    steps = (
-        np.unique(np.rint(alpha * ROUGHNESSES) / ROUGHNESSES).clip(0.5 / ROUGHNESSES) if np.ptp(alpha) else alpha[:1]
-    )
-    E = np.stack([kept(points.n_v, a) for a in steps])
-    at = np.abs(alpha[None] - steps[:, None]).argmin(0) if len(steps) > 1 else np.zeros(len(alpha), int)
-    F = F0_ + (F0_.max(-1, keepdims=True) - F0_) * (1.0 - np.clip(points.v_h, 0.0, 1.0))[:, None] ** 5
-    again = 1.0 + F0_ * (1.0 / E[at, np.arange(len(at))] - 1.0)[:, None]
-    radiance = n_l[:, None] * ((1.0 - F) * kd + F * again * ggx(points, alpha)[:, None])
-    return np.where(seen[:, None], radiance, 0.0).reshape(normal.shape)
+    seen = points.n_l[:, None] > EDGE
+    points = Reference(np.where(seen, points.n, l), points.l)
+    surface = MetallicRoughness(roughness.ravel(), base.reshape(-1, 3), head_on, head_on.max(-1, keepdims=True))
+    return np.where(seen, surface.reflected(points), 0.0).reshape(normal.shape)
 
 
 def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:

@@ -103,7 +103,7 @@ class Shape:
     basis: Callable[[float], Cosines]
     exponents: tuple[float, float]
     highest_k: float = np.inf
-    base: Callable[[float], Cosines] | None = None
+    base: Callable[[float], Cosines] = lambda n: np.zeros(1)
 
     def fit(self, target: Radiance) -> tuple[float, Float[np.ndarray, "3"]]:
         """Return n and each channel's k of the highlight nearest to the target by least squares.
@@ -123,17 +123,14 @@ class Shape:
 
     def weights(self, n: float, target: Radiance) -> Float[np.ndarray, "3"]:
         """Return the best k within its limits at one n."""
-        basis, base = self.basis(n), self._base(n)
+        basis, base = self.basis(n), self.base(n)
         size = float(basis @ basis)
         best = basis @ (target - base[:, None]) / (size if size > 0 else 1.0)
         return np.clip(best, 0.0, self.highest_k)
 
     def of(self, n: float, k: Float[np.ndarray, "3"]) -> Radiance:
         """Return the highlight."""
-        return self._base(n)[:, None] + self.basis(n)[:, None] * k
-
-    def _base(self, n: float) -> Cosines:
-        return np.zeros_like(self.basis(n)) if self.base is None else self.base(n)
+        return self.base(n)[:, None] + self.basis(n)[:, None] * k
 
 
 def lowest(cost: Callable[[float], float], lower: float, upper: float) -> float:

@@ -132,7 +132,7 @@ def objects_seen(
     if lacking := [name for name in parts if chosen[name] is grey]:
         _say_what_lacks(path, given, lacking, looks)
     for name, look in chosen.items():
-        if look.has_picture and (unplaced := parts[name].unplaced):
+        if look.texels is not None and (unplaced := parts[name].unplaced):
             some = "its" if unplaced == parts[name].triangles else f"{unplaced} of its {parts[name].triangles}"
             said = f"{some} triangles have no texture coordinates; its picture is not shown there."
             _LOGGER.warning("%s: %s%s", path, f"{short(name)}: " * bool(name), said)

@@ -24,10 +24,12 @@ from .readings import Reading
 from .reference import Cosines, Radiance, Reference, joined, reference
 
 F0 = 0.04  # for the refractive index 1.5 of a dielectric
+ROUGHNESSES = 64  # for which multiple scattering is computed, where each point has its own
 ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible
 
 
 Colour3 = Float[np.ndarray, "3"]
+Colours = Float[np.ndarray, "*n 3"]
 
 
 def schlick(cosine: Cosines) -> Cosines:
@@ -36,12 +38,15 @@ def schlick(cosine: Cosines) -> Cosines:
 
 
 class MetallicRoughness(NamedTuple):
-    """Roughness, diffuse colour, the reflectance F at normal incidence and at grazing angles, and a clear coat."""
+    """Roughness, diffuse colour, the reflectance F at normal incidence and at grazing angles, and a clear coat.
 
-    roughness: float
-    base: Colour3
-    head_on: Colour3
-    edge: float = 1.0
+    The first four are one for all points, or one for each.
+    """
+
+    roughness: Any
+    base: Colours
+    head_on: Colours
+    edge: Any = 1.0
     coat: float = 0.0
     coat_roughness: float = 0.0
     beneath: Colour3 | None = None
@@ -131,8 +136,20 @@ def smith(n_l: Any, n_v: Any, alpha: float | Cosines) -> Any:
     return 0.5 / (n_l * np.sqrt(a2 + (1 - a2) * n_v**2) + n_v * np.sqrt(a2 + (1 - a2) * n_l**2))
 
 
-def kept(n_v: Cosines, alpha: float) -> Cosines:
-    """Return E(n.v), the integral of V D (n.l) over all l: the fraction of the light that GGX with F = 1 reflects.
+def kept(n_v: Cosines, alpha: float | Cosines) -> Cosines:
+    """Return E(n.v), the fraction of the light that GGX with F = 1 reflects.
+
+    Of many alpha, it is that of the nearest of `ROUGHNESSES`.
+    """
+    if not np.ptp(alpha):
+        return _kept(n_v, float(np.ravel(alpha)[0]))
+    steps = np.unique(np.rint(alpha * ROUGHNESSES) / ROUGHNESSES).clip(0.5 / ROUGHNESSES)
+    E = np.stack([_kept(n_v, a) for a in steps])
+    return E[np.abs(alpha - steps[:, None]).argmin(0), np.arange(len(n_v))]
+
+
+def _kept(n_v: Cosines, alpha: float) -> Cosines:
+    """Return E(n.v), the integral of V D (n.l) over all l.
 
     It is the mean of 4 V (n.l)(v.h)/(n.h) over h distributed as D (n.h), at 32 cosines, interpolated linearly.
     """

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import scipy
 from jaxtyping import Float
 
 from ..core.thresholds import SINGLE
@@ -22,7 +21,7 @@ from ..model.fresnel import NoFresnel
 from ..model.lobes import Blinn, Phong
 from ..model.materials import Highlight, Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated, together
-from .lobe_refits import check_plain, named, with_lobe
+from .lobe_refits import check_plain, lowest, named, with_lobe
 from .names import identifiers, original
 from .readings import Reading, first_of, read_declared
 from .reference import Cosines, Reference, differences, radiance, reference_of
@@ -117,11 +116,7 @@ def _words(lobe: Phong | Blinn, strength: float, n_s: float) -> str:
     """Return a highlight as a finish has it."""
     if isinstance(lobe, Phong):
         return f"phong {strength!r} phong_size {n_s!r}"
-    return f"specular {strength!r} roughness {_roughness(n_s)!r}"
-
-
-def _roughness(n_s: float) -> float:
-    return 1.0 / n_s if n_s > 0 else 1e9
+    return f"specular {strength!r} roughness {1.0 / n_s if n_s > 0 else 1e9!r}"
 
 
 def _metallic(
@@ -138,8 +133,7 @@ def _metallic(
     def cost(metallic: float) -> float:
         return float(np.sum((strength(metallic) * shape * tint(pigment, metallic, points.n_l) - target) ** 2))
 
-    found: Any = scipy.optimize.minimize_scalar(cost, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9})
-    metallic = min((float(found.x), 0.0, 1.0), key=cost)
+    metallic = lowest(cost, 0.0, 1.0)
     return strength(metallic), metallic
 
 

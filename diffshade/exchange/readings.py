@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -57,9 +57,10 @@ class Reading:
         """
         several = len(self.materials) + len(self.refused) > 1
         notes = {sentence: [*names] for sentence, names in self._notes.items()}
+        only = "those of the base colour" if textured else "colours"  # maps are never opened to read a material
         for of, (maps, own) in self._maps.items():
             if lost := [key for key in maps if not (textured and key in own)]:
-                notes.setdefault(textures_not_read(lost, textured=textured), []).append(of)
+                notes.setdefault(f"texture maps are not read, only {only}: {first_of(lost)}.", []).append(of)
         for sentence, names in notes.items():
             names = list(dict.fromkeys(of for of in names if of))
             if names and name not in (None, *names):
@@ -94,12 +95,6 @@ def read_declared(
         name, part = reading.unused(start.group(1)), text[start.start() : end]
         reading.add(name, partial(read, part, reading.at(name), partial(reading.note, name)))
     return reading
-
-
-def textures_not_read(names: Sequence[str], *, textured: bool) -> str:
-    """Return the note on texture maps, which are never opened to read a material."""
-    only = "those of the base colour" if textured else "colours"
-    return f"texture maps are not read, only {only}: {first_of(names)}."
 
 
 def first_of(names: Iterable[str]) -> str:

@@ -53,7 +53,7 @@ def _fitted(material: Material, lights: Any, *, bytes_: bool) -> tuple[dict[str,
         emissive = glow * strength
     found: Radiance = points.n_l[:, None] * colour + (0.0 if matte else shape.of(n_s, specular))
     rms, largest = differences(target + np.asarray(material.k_e) + np.asarray(material.k_a), found + emissive)
-    notes = []
+    notes, kind = [], "MeshLambertMaterial" if matte else "MeshPhongMaterial"
     if not matte:
         notes.append(f"the highlight, {named(material)}, is refitted with shininess {n_s:.4g}: {stated(rms, largest)}")
     elif largest > 0:
@@ -61,13 +61,12 @@ def _fitted(material: Material, lights: Any, *, bytes_: bool) -> tuple[dict[str,
     notes += [
         "multiply the intensity of each light by pi, and use no AmbientLight: emissive includes k_a for an ambient "
         "light of 1.",
-        *notes_on_glass(material, "MeshLambertMaterial" if matte else "MeshPhongMaterial", colour=False, eta=False),
+        *notes_on_glass(material, kind, colour=False, eta=False),
         *notes_on_lights(lights, "three.js"),
     ]
     colours = {"color": colour, "emissive": emissive} | ({} if matte else {"specular": specular})
     settings = {"colours": colours, "shininess": {} if matte else {"shininess": n_s}, "strength": strength}
-    settings["type"] = "MeshLambertMaterial" if matte else "MeshPhongMaterial"
-    return settings | {"opacity": opacity(material)}, Draft("", rms, largest, tuple(notes))
+    return settings | {"type": kind, "opacity": opacity(material)}, Draft("", rms, largest, tuple(notes))
 
 
 def write_json(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
@@ -93,15 +92,18 @@ def write_json(materials: Mapping[str, Material], lights: Any, bases: Mapping[st
         }
         tables.append(table)
     pictures = into_three(tables, bases or {})
-    several = {"metadata": {"version": 4.6, "type": "Object", "generator": "diffshade"}, "materials": tables}
-    several |= pictures
-    several["object"] = {"uuid": "diffshade", "type": "Group"}
-    single = {"metadata": {"version": 4.6, "type": "Material", "generator": "diffshade"}, **tables[0], **pictures}
+    document = {"metadata": {"version": 4.6, "type": "Material", "generator": "diffshade"}, **tables[0], **pictures}
     draft = together(drafts, "")
     if len(tables) > 1:
+        document = {
+            "metadata": document["metadata"] | {"type": "Object"},
+            "materials": tables,
+            **pictures,
+            "object": {"uuid": "diffshade", "type": "Group"},
+        }
         more = "load them with new THREE.ObjectLoader().parseMaterials(json.materials, {})."
         draft = draft._replace(notes=(*draft.notes, more))
-    text = json.dumps(several if len(tables) > 1 else single, indent=2, ensure_ascii=False)
+    text = json.dumps(document, indent=2, ensure_ascii=False)
     return draft._replace(text=text + "\n")
 
 

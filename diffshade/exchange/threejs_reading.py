@@ -192,21 +192,18 @@ def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> M
         return Material(k_d=base, lobe=Blinn(), **given)
     if kind == "MeshPhongMaterial":
         return _phong(base, colour("specular", 0x111111), one("shininess", 30.0), name, reading, given)
-    roughness, metalness = one("roughness", 1.0, 1.0), one("metalness", 0.0, 1.0)
-    if kind == "MeshStandardMaterial":
-        surface = surface_of(base, metalness, roughness, grazing=fresnel)
-        reading.base[name] = BaseColour(metal=metal_of(surface, base, metalness))
-        return classic(surface, name, what_of(metalness, roughness), reading, **given)
-    reflectivity = one("reflectivity", 0.5, 1.0)  # by which three.js's own JSON gives the index of refraction
-    ior = one("ior", (1.0 + 0.4 * reflectivity) / (1.0 - 0.4 * reflectivity))
-    edge = one("specularIntensity", 1.0, 1.0)
-    dielectric = np.minimum(((ior - 1) / (ior + 1)) ** 2 * colour("specularColor", 0xFFFFFF), 1.0) * edge
-    coat = {"coat": one("clearcoat", 0.0, 1.0), "coat_roughness": one("clearcoatRoughness", 0.0, 1.0)}
-    through = one("transmission", 0.0, 1.0)
-    if through > 0:
-        given |= {"k_t": 1.0 - alpha * (1.0 - through * base), "eta": ior}
-        reading.note(name, "transmission is read as k_t, its colour times its factor, without blur.")
-    surface = surface_of(base, metalness, roughness, dielectric, edge, grazing=fresnel, **coat)
+    roughness, metalness, more = one("roughness", 1.0, 1.0), one("metalness", 0.0, 1.0), dict[str, Any]()
+    if kind == "MeshPhysicalMaterial":
+        reflectivity = one("reflectivity", 0.5, 1.0)  # by which three.js's own JSON gives the index of refraction
+        ior = one("ior", (1.0 + 0.4 * reflectivity) / (1.0 - 0.4 * reflectivity))
+        more["edge"] = edge = one("specularIntensity", 1.0, 1.0)
+        head_on = ((ior - 1) / (ior + 1)) ** 2 * colour("specularColor", 0xFFFFFF)
+        more["dielectric"] = np.minimum(head_on, 1.0) * edge
+        more |= {"coat": one("clearcoat", 0.0, 1.0), "coat_roughness": one("clearcoatRoughness", 0.0, 1.0)}
+        if (through := one("transmission", 0.0, 1.0)) > 0:
+            given |= {"k_t": 1.0 - alpha * (1.0 - through * base), "eta": ior}
+            reading.note(name, "transmission is read as k_t, its colour times its factor, without blur.")
+    surface = surface_of(base, metalness, roughness, grazing=fresnel, **more)
     reading.base[name] = BaseColour(metal=metal_of(surface, base, metalness))
     return classic(surface, name, what_of(metalness, roughness), reading, **given)
 

@@ -40,8 +40,6 @@ DERIVATIVES = "Fit outside; for derivatives, call ds.sensitivity(fit, name) or d
 CLIPPED = ("hinge", "tobit", "exclude")
 MEMORY = 4e9  # bytes that the pixels of a fit may take laid out
 
-A_SCENE = "Scene(Object(Sphere()), PointLight((2, 3, 4)))"
-
 
 def fit(
     scene: Scene,
@@ -124,13 +122,8 @@ def fit(
         FloatingPointError: Where the scene gives no finite image.
         RuntimeError: Where this jaxlib adds up wrongly.
     """
-    check_kind("scene", scene, Scene, A_SCENE)
-    if not isinstance(views, View | Iterable):
-        raise TypeError(f"views must be a View, or several; got {views!r}. Give for example [View(image, camera)].")
-    views = (views,) if isinstance(views, View) else tuple(views)
-    constraints = (constraints,) if isinstance(constraints, Grey | Proportional | str) else tuple(constraints)
     loss = "squares" if loss is None else loss
-    check_choices(scene, views, constraints, loss, clipped, start)
+    views, constraints = checked(scene, views, constraints, loss, clipped, start)
     check_scale(memory, devices)
     shared_by = [] if devices is None else own_devices(devices)
     check_backend()
@@ -153,7 +146,6 @@ def fit(
             from_scene=start == "scene",
             grey=bool(data.grey),
         )
-        check_free(unknowns)
         report_progress("reading the views")
         problem = new_problem(scene, data, unknowns, loss, clipped, memory=memory)
         laid, end = solve(problem, from_scene=start == "scene", devices=shared_by, report_progress=report_progress)
@@ -212,21 +204,17 @@ def own_devices(mesh: Mesh) -> list[Any]:
     return devices
 
 
-def check_free(unknowns: Sequence[Unknown]) -> None:
-    """Refuse a fit of nothing."""
-    if not unknowns:
-        raise ValueError(
-            "free must name at least one parameter; got none. Give for example free=('k_d', 'k_s', 'n_s')."
-        )
-
-
-def check_choices(
-    scene: Any, views: Sequence[Any], constraints: Sequence[Any], loss: Any, clipped: Any, start: Any
-) -> None:
-    """Refuse arguments of a wrong type, and choices that do not exist."""
+def checked(
+    scene: Any, views: Any, constraints: Any, loss: Any = "squares", clipped: Any = "hinge", start: Any = "search"
+) -> tuple[tuple[View, ...], tuple[Grey | Proportional, ...]]:
+    """Return one view or several, and constraints, as tuples; refuse a wrong type, and choices that do not exist."""
+    check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
+    if not isinstance(views, View | Iterable):
+        raise TypeError(f"views must be a View, or several; got {views!r}. Give for example [View(image, camera)].")
+    views = (views,) if isinstance(views, View) else tuple(views)
+    constraints = (constraints,) if isinstance(constraints, Grey | Proportional | str) else tuple(constraints)
     if not views:
         raise ValueError("fit needs at least one view; got none. Give a View for each photograph.")
-    check_kind("scene", scene, Scene, A_SCENE)
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
     refuse_traced("a fit", DERIVATIVES, scene=scene, views=tuple(views))
@@ -253,6 +241,7 @@ def check_choices(
         )
     if clipped == "tobit" and views[0].noise is None:
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
+    return views, constraints
 
 
 def check_scale(memory: Any, devices: Any) -> None:

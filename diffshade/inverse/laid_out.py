@@ -83,7 +83,6 @@ class LaidOut:
             theta,
             task,
             self.chunks if chunks is None else chunks,
-            squares=self.squares,
             max_steps=MAX_STEPS,
             rtol=rtol,
             damping=damping,
@@ -102,12 +101,6 @@ class LaidOut:
             return eqx.tree_at(lambda c: c.observed.weight, chunk, chunk.observed.weight * kept)
 
         return [weigh(*of) for of in zip(self.chunks, in_chunks(self.parts), strict=True)]
-
-    def by_view(self) -> list[list[Block]]:
-        """Return the chunks of each view apart."""
-        problem, parts = self.problem, self.problem.pieces(None, self.size)
-        of_views = ([p for p in parts if p.view == view] for view in range(len(problem.data.views)))
-        return [problem.reweigh(self.theta, problem.lay_out(of, self.size)) for of in of_views]
 
 
 def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | None = None) -> LaidOut:

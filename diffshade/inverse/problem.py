@@ -160,7 +160,7 @@ class FitProblem:
 
     def task(self, squares: float) -> Task:
         """Return what is to be minimised."""
-        return Task(self.model, self.priors(squares), self.box)
+        return Task(self.model, self.priors(squares), self.box, squares, self.unknowns, self.scene)
 
 
 def fit_problem(

@@ -116,11 +116,11 @@ def _search(
         measured, near = problem.few(), False
         squares = problem.sum_of_squares(measured)
     coarse, task = problem.few() if is_local(problem.unknowns) else measured, problem.task(squares)
-    end = search(problem.unknowns, problem.scene, task, coarse, measured, squares, report_progress)
+    end = search(task, coarse, measured, report_progress)
     if lights := places_apart(problem.unknowns, problem.box.arrow):
         if not problem.data.noise_known:  # else priors of a scale of 1 would hold the lights
             task = problem.with_scale(_scale(task, measured, end[1], robust=False), "squares").task(squares)
-        end = from_broad_highlights(end[1], lights, problem.unknowns, problem.scene, task, measured, squares)
+        end = from_broad_highlights(end[1], lights, task, measured)
     _, theta, ended = end
     return theta, ended and near
 
@@ -134,7 +134,7 @@ def _settle(
     """
 
     def polished(task: Task, part: list[Block], theta: Theta) -> tuple[Theta, bool]:
-        end = minimise(theta, task, part, squares=squares, max_steps=MAX_STEPS, rtol=ROUNDING, stalled=STALLED)
+        end = minimise(theta, task, part, max_steps=MAX_STEPS, rtol=ROUNDING, stalled=STALLED)
         return end.theta, not end.message
 
     robust = problem.loss != "squares"
@@ -171,7 +171,7 @@ def _with_lights_elsewhere(laid: LaidOut, end: Minimum, report_progress: ReportP
     samples = np.array([s.count for s in problem.data.samples], float)
     for _ in range(ELSEWHERE):
         report_progress("trying lights at other places")
-        theta = at_better_places(end.point, samples, lights, problem.unknowns, problem.scene, laid.task, laid.chunks)
+        theta = at_better_places(end.point, samples, lights, laid.task, laid.chunks)
         if theta is None:
             break
         again = laid.minimise(theta=theta, report_progress=report_progress)

@@ -89,7 +89,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     lost, small = (mask & regular for mask in vague(unknowns, found.values, errors, scales))
     known = ~evidence.at_bound & regular
     weak = weak_directions(everything[np.ix_(known, known)])
-    covariance = _covariance(evidence, known)
+    covariance = np.where(np.outer(known, known), evidence.covariance(~evidence.at_bound), 0.0)
     rmse = float(np.sqrt(spread[1] / spread[0]))
     notes = [
         *_not_converged(end),
@@ -189,11 +189,6 @@ def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[n
     index = np.asarray(priors.index)
     without[index, index] -= (np.asarray(priors.weight) * slope[index]) ** 2
     return null_directions(without)[1]
-
-
-def _covariance(evidence: Evidence, known: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:
-    """Return the plain covariance of the unknowns that are known and not at a bound; 0 elsewhere."""
-    return np.where(np.outer(known, known), evidence.covariance(~evidence.at_bound), 0.0)
 
 
 def _not_converged(end: Minimum) -> Iterator[Note]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from PIL.ExifTags import IFD, Base
 
 from .heic_files import SUFFIXES as HEIC_SUFFIXES
-from .heic_files import exif_of_heic, opened_heic
+from .heic_files import opened_heic
 from .raw_files import SUFFIXES as RAW_SUFFIXES
 from .raw_files import exposure_of_raw
 
@@ -47,13 +47,10 @@ def _stated(file: Path) -> tuple[float, ...]:
 def _tagged(file: Path) -> tuple[Any, ...]:
     from PIL import Image
 
-    if file.suffix.lower() in HEIC_SUFFIXES:
-        tags = exif_of_heic(opened_heic(file))
+    opened = opened_heic if file.suffix.lower() in HEIC_SUFFIXES else Image.open
+    with opened(file) as image:
+        tags = image.getexif()
         camera = {**tags, **tags.get_ifd(IFD.Exif)}
-    else:
-        with Image.open(file) as image:
-            tags = image.getexif()
-            camera = {**tags, **tags.get_ifd(IFD.Exif)}
     iso = camera.get(Base.ISOSpeedRatings)
     if iso == 0xFFFF:  # it does not fit into this tag
         iso = camera.get(Base.RecommendedExposureIndex)

@@ -16,16 +16,16 @@ SUFFIXES = (".heic", ".heif")
 
 def decode_heic(path: Path, data: bytes) -> np.ndarray:
     """Return the pixels of 8 bits, grey or RGB, with alpha where the file has it, turned upright by the library."""
-    image = opened_heic(path)
-    check_pixels("HEIC", image.size, data)
-    return np.asarray(image)
+    with opened_heic(path) as image:
+        check_pixels("HEIC", image.size, data)
+        return np.asarray(image)
 
 
 def opened_heic(path: Path) -> Any:
-    """Return a file of which only the header is decoded."""
+    """Return a file as Pillow has it, of which only the header is decoded."""
     with needing("heic", f"cannot read {path}"):
         import pillow_heif
-    return pillow_heif.open_heif(path)
+    return pillow_heif.HeifImageFile(path)
 
 
 def orientation_of_heic(path: Path) -> int:
@@ -38,12 +38,3 @@ def orientation_of_heic(path: Path) -> int:
     if len(turns) != 1 or b"\0\0\0\x09imir" in data:
         return 1
     return (1, 8, 3, 6)[turns.pop()[0] & 3]  # quarter turns anticlockwise
-
-
-def exif_of_heic(image: Any) -> Any:
-    """Return the tags of an opened file, as Pillow has them."""
-    from PIL import Image
-
-    tags = Image.Exif()
-    tags.load(image.info.get("exif") or b"")
-    return tags

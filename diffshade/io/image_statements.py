@@ -21,7 +21,7 @@ from PIL.ExifTags import IFD, Base
 from ..core.extras import needing
 from .encodings import ADOBE, LINEAR, PRIMARIES, SRGB, Encoding, encoding, power, xyz_of
 from .heic_files import SUFFIXES as HEIC_SUFFIXES
-from .heic_files import exif_of_heic, opened_heic, orientation_of_heic
+from .heic_files import opened_heic, orientation_of_heic
 from .icc_profiles import encoding_of_profile, profile_name
 from .image_headers import radiance_header, tags_of_tiff
 from .parsing import LARGEST
@@ -172,14 +172,15 @@ def _of_tga(path: Path) -> Statement:
 
 
 def _of_heic(path: Path) -> Statement:
-    image = opened_heic(path)
-    orientation, size = orientation_of_heic(path), (image.size[1], image.size[0])  # as shown
-    if profile := image.info.get("icc_profile"):
+    with opened_heic(path) as image:
+        orientation, size, info = orientation_of_heic(path), (image.height, image.width), image.info  # size as shown
+        exif = _or(None, image.getexif)
+    if profile := info.get("icc_profile"):
         stated, unused = _profiled(profile)
-    elif coded := image.info.get("nclx_profile"):
+    elif coded := info.get("nclx_profile"):
         stated, unused = _coded(coded["color_primaries"], coded["transfer_characteristics"], "nclx profile")
     else:
-        stated, unused = _of_exif(_or(None, lambda: exif_of_heic(image)))
+        stated, unused = _of_exif(exif)
     return Statement(stated, unused, orientation, size[::-1] if orientation > 4 else size)
 
 

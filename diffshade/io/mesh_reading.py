@@ -77,12 +77,11 @@ def read_surface(path: str | Path) -> MeshSurface:
         *_without_direction(faces, corner),
     )
     point = faces.point[faces.at[corner]]
-    turned = wound_against(point, normal)[:, None, None]
+    turned = wound_against(point, normal)
+    corner = np.where(turned[:, None], corner[:, ::-1], corner)
+    normal = np.where(turned[:, None, None], normal[:, ::-1], normal)
     look = None if faces.look is None else faces.look[corner]
-    point, normal, look = (None if of is None else np.where(turned, of[:, ::-1], of) for of in (point, normal, look))
-    assert point is not None
-    assert normal is not None
-    return MeshSurface(point, normal, faces.part[face], faces.names, notes, look)
+    return MeshSurface(faces.point[faces.at[corner]], normal, faces.part[face], faces.names, notes, look)
 
 
 def _of_trimesh(path: Path) -> Polygons:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from ..core.arrays import float64_of
@@ -78,6 +79,8 @@ class RelightableImage:
 def terms(basis: str, count: int, toward: Numbers) -> Float[np.ndarray, " terms"]:
     """Return the terms of a basis for the direction to a light.
 
+    Those of HSH are the associated Legendre functions of 2 z - 1, from degree 0 on and from cosines to sines.
+
     Args:
         basis: "ptm" or "hsh".
         count: Number of terms: 6 of a PTM; 4, 9 or 16 of HSH.
@@ -95,27 +98,12 @@ def terms(basis: str, count: int, toward: Numbers) -> Float[np.ndarray, " terms"
     x, y, z = l / np.linalg.norm(l)
     if basis == "ptm":
         return np.array([x * x, y * y, x * y, x, y, 1.0])
-    phi, c = np.arctan2(y, x), z
-    s, d, pi = np.sqrt(max(c - c * c, 0.0)), c * c - c, np.pi
-    found = [
-        1 / np.sqrt(2 * pi),
-        np.sqrt(6 / pi) * np.cos(phi) * s,
-        np.sqrt(3 / (2 * pi)) * (2 * c - 1),
-        np.sqrt(6 / pi) * s * np.sin(phi),
-        np.sqrt(30 / pi) * np.cos(2 * phi) * d,
-        np.sqrt(30 / pi) * np.cos(phi) * (2 * c - 1) * s,
-        np.sqrt(5 / (2 * pi)) * (1 - 6 * c + 6 * c * c),
-        np.sqrt(30 / pi) * (2 * c - 1) * s * np.sin(phi),
-        np.sqrt(30 / pi) * d * np.sin(2 * phi),
-        2 * np.sqrt(35 / pi) * np.cos(3 * phi) * s**3,
-        np.sqrt(210 / pi) * np.cos(2 * phi) * (2 * c - 1) * d,
-        2 * np.sqrt(21 / pi) * np.cos(phi) * s * (1 - 5 * c + 5 * c * c),
-        np.sqrt(7 / (2 * pi)) * (-1 + 12 * c - 30 * c * c + 20 * c**3),
-        2 * np.sqrt(21 / pi) * s * (1 - 5 * c + 5 * c * c) * np.sin(phi),
-        np.sqrt(210 / pi) * (2 * c - 1) * d * np.sin(2 * phi),
-        2 * np.sqrt(35 / pi) * s**3 * np.sin(3 * phi),
-    ]
-    return np.array(found[:count])
+    phi = np.arctan2(y, x)
+    degree, m = np.array([(n, m) for n in range(4) for m in range(n, -n - 1, -1)])[:count].T
+    order = np.abs(m)
+    size = np.sqrt((2 * degree + 1) / (2 * np.pi * scipy.special.poch(degree - order + 1, 2 * order)))
+    around = np.select([m > 0, m < 0], [np.cos(order * phi), np.sin(order * phi)], -np.sqrt(0.5))
+    return -np.sqrt(2) * size * scipy.special.lpmv(order, degree, 2 * z - 1) * around
 
 
 def read_rti(path: str | Path) -> RelightableImage:

@@ -111,13 +111,13 @@ def _check_scene(scene: Scene, free: tuple[str, ...]) -> None:
             "Give Phong() or Blinn(), or derive the lobe from AbstractPowerLobe.",
         ),
         (not scene.lights, "a scene without lights", "Give the lights of the photographs."),
+        (scene.shadows, "shadows=True", "Give shadows=False, or use ds.fit."),
     ):
         if wrong:
             raise ValueError(f"fit_texels does not support {what}. {remedy}")
-    if "n_s" in free and "k_s" not in free and not np.any(material.k_s):
-        raise ValueError("n_s is free, but k_s is neither free nor above 0. Add 'k_s' to free.")
-    if "normal" in free and "k_d" not in free and not np.any(material.k_d):
-        raise ValueError("normal is free, but k_d is neither free nor above 0. Add 'k_d' to free.")
+    for name, needed in (("n_s", "k_s"), ("normal", "k_d")):
+        if name in free and needed not in free and not np.any(getattr(material, needed)):
+            raise ValueError(f"{name} is free, but {needed} is neither free nor above 0. Add {needed!r} to free.")
     if material.n_s < EXPONENT_RANGE[0] and "n_s" not in free and ("k_s" in free or np.any(material.k_s)):
         raise ValueError(
             f"Material.n_s must be at least {EXPONENT_RANGE[0]} in a fit of texels; got {material.n_s}. Raise it."
@@ -149,10 +149,6 @@ def _check_views(scene: Scene, views: Sequence[View], free: tuple[str, ...]) -> 
                 f"grey photographs under coloured lights do not support a known {name} that is coloured; got "
                 f"{getattr(material, name)}. Give it one number, or add it to free."
             )
-    if scene.shadows:
-        raise ValueError(
-            "a fit of texels knows no shadows; got a scene with shadows=True. Give shadows=False, or use ds.fit."
-        )
     for i, light in enumerate(scene.lights):
         if not light.has_one_colour:
             raise ValueError(

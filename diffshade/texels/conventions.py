@@ -10,44 +10,24 @@ $$ \partial_y (b_1 / b_3) = \partial_x (b_2 / b_3) $$
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 
-from ..core.fields import Array
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT, SMALL, TINY
 from ..core.words import Note
 from ..inverse.data.views import View
 from ..inverse.misfit.conventions import axes_in_words, orders, other_axes
 from ..model.cameras import axes
-from ..model.lights import AbstractEmitter
 from ..model.scenes import Scene
 from ..model.vectors import Vec3
 from .light_directions import MIN_SPREAD
-from .lights.matte import SIGMA, Cells, cells_of, surface_under
+from .lights.matte import SIGMA, Surface, cells_of, surface_under
 from .lights.placing import one_light_each
 from .random_orders import random_order_is_as_good
 from .tiles import SAMPLED_ROWS, TexelTile, ViewReader
-
-
-class _Shape(NamedTuple):
-    """What the photographs say of the object's shape under lights of some order, in the axes of the lights."""
-
-    misfit: float
-    """Typical residual of a cell, relative to its brightness."""
-    b: Float[np.ndarray, "n 3"]
-    curl: tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]
-    """b x its slope along x, and up: other axes A change them as they change b, but for the sign of both."""
-    edge: Float[np.ndarray, "k 3"]
-    """The unit normals at the outline."""
-    outward: Float[np.ndarray, "k 2"]
-    """Unit vectors that point out of it, right and up."""
-    cast: float
-    """The share of dark cells among those on which a lamp should graze, since a hollow shades itself; of a ring 1."""
 
 
 def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewReader, sample: TexelTile) -> Note | None:
@@ -68,15 +48,15 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
     if lights is None or len(views) < FEW or not len(sample.pixels):
         return None
     towards, middle = lights.directions, Vec3.of(lights.middle)
-    power = np.array([np.mean(_arriving(scene.lights[i], middle)) for i in lights.used])
+    power = np.array([np.mean(scene.lights[i].arriving(middle)[1].stack()) for i in lights.used])
     off_plane = np.linalg.svd(towards, compute_uv=False)[2] / np.sqrt(len(views))
     cells = cells_of(views, reader, sample, SAMPLED_ROWS, np.ones((len(views), 1)))  # whatever light each is given
-    given, found = _shape(cells, towards, power), None
-    if given is not None and off_plane >= MIN_SPREAD:
+    given, found = surface_under(cells, towards, power), None
+    if given.tells and off_plane >= MIN_SPREAD:
         camera = np.array([np.asarray(axis.stack()) for axis in axes(reader.camera)])
         alone = len({view.lit for view in views}) == len(views)
-        others = [(_shape(cells, towards[k], power[k]), words) for words, k in orders(len(views)) if alone]
-        moved = [(_doubt(shape, camera), words) for shape, words in others if shape is not None]
+        others = [(surface_under(cells, towards[k], power[k]), words) for words, k in orders(len(views)) if alone]
+        moved = [(_doubt(surface, camera), words) for surface, words in others if surface.tells]
         found = _described_otherwise(given, moved, camera)
     shown = (cells.seen[:, cells.inside], cells.counts[:, cells.inside])
     if found is None and random_order_is_as_good(*shown, towards, power):
@@ -90,7 +70,7 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
 
 
 def _described_otherwise(
-    given: _Shape, moved: Sequence[tuple[float, str]], camera: Float[np.ndarray, "3 3"]
+    given: Surface, moved: Sequence[tuple[float, str]], camera: Float[np.ndarray, "3 3"]
 ) -> str | None:
     """Return in words in which axes, or in which of the usual orders, the lights are those of a thing, if in one only.
 
@@ -118,54 +98,43 @@ def _described_otherwise(
     return f"{found}{', unless the object is hollow at its outline' if inside_out else ''}"
 
 
-@jax.jit
-def _arriving(light: AbstractEmitter, p: Vec3) -> Array:
-    """Return the light that arrives at a point."""
-    return light.arriving(p)[1].stack()
-
-
-def _shape(cells: Cells, towards: Float[np.ndarray, "views 3"], power: Float[np.ndarray, " views"]) -> _Shape | None:
-    """Return what the cells say of the shape under lights; None if no cell has neighbours."""
-    found = surface_under(cells, towards, power)
-    if not found.whole.any() or np.isinf(found.misfit):
-        return None
-    b = found.b[cells.inside]
-    square = np.maximum((found.smooth**2).sum(-1, keepdims=True), TINY)
-    within = binary_erosion(cells.inside, border_value=1)  # the picture's end is no outline
-    edge = np.greater(cells.inside, within)
-    down, right = np.gradient(gaussian_filter(cells.inside.astype(float), SIGMA))
-    ring = (binary_fill_holes(cells.inside) != cells.inside).any()  # a groove is too narrow to shade itself much
-    shading = towards @ b.T
-    grazed = found.counts & (np.abs(shading / np.maximum(np.linalg.norm(b, axis=-1), TINY) - BLACK) < SMALL)
-    return _Shape(
-        found.misfit,
-        b,
-        (np.cross(found.smooth, found.by_x) / square, np.cross(found.smooth, found.by_y) / square),
-        _unit(found.b[edge]),
-        _unit(np.stack([-right, down], -1)[edge]),
-        float(np.mean((found.y < MOST * shading)[grazed])) if grazed.any() and not ring else 1.0,
-    )
-
-
-def _unit(vectors: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), TINY)
-
-
-def _doubt(shape: _Shape, A: Float[np.ndarray, "3 3"]) -> float:
-    """Return how little a shape is that of a thing, in the axes to which A turns it: a sum of four squared shares.
+def _doubt(surface: Surface, A: Float[np.ndarray, "3 3"]) -> float:
+    """Return how little a surface is that of a thing, in the axes to which A turns it: a sum of four squared shares.
 
     They are the misfit of the photographs, the curl of the surface, the share of the normals that face away from the
     camera, and whether those at an outline point neither outward nor inward, as in a hollow, which shades itself.
     """
-    across, up = (of @ A.T for of in shape.curl)
-    size = np.sqrt(np.sum(shape.curl[0] ** 2 + shape.curl[1] ** 2, -1))
+    # b x its slopes: other axes A change them as they change b, but for the sign of both
+    square = np.maximum((surface.smooth**2).sum(-1, keepdims=True), TINY)
+    along_x, along_y = (np.cross(surface.smooth, by) / square for by in (surface.by_x, surface.by_y))
+    size = np.sqrt(np.sum(along_x**2 + along_y**2, -1))
     flat = 3.0 * SLIGHT  # from cell to cell: less than that, noise alone turns normals
-    curl = robust_scale(across[:, 0] + up[:, 1]) / max(robust_scale(size), flat)
-    away = np.mean(shape.b @ A[2] <= 0.0)
-    edge = (shape.edge @ A.T)[:, :2]
-    steep = np.linalg.norm(edge, axis=-1) > 1.0 - BLACK  # elsewhere a mask's border is no outline
-    misled = False
-    if steep.sum() > MOST * len(steep):
-        outward = np.mean(np.sum(edge * shape.outward, -1)[steep])
-        misled = abs(outward) < BLACK or (outward < -MOST and shape.cast < MINOR)
-    return float(shape.misfit**2 + curl**2 + away**2 + misled)
+    curl = robust_scale(along_x @ A[0] + along_y @ A[1]) / max(robust_scale(size), flat)
+    away = np.mean(surface.b[surface.inside] @ A[2] <= 0.0)
+    return float(surface.misfit**2 + curl**2 + away**2 + _misled(surface, A))
+
+
+def _misled(surface: Surface, A: Float[np.ndarray, "3 3"]) -> bool:
+    """Whether the normals at the outline point neither outward nor inward, or inward where no hollow shades itself."""
+    inside = surface.inside
+    edge = np.greater(inside, binary_erosion(inside, border_value=1))  # the picture's end is no outline
+    normal = (_unit(surface.b[edge]) @ A.T)[:, :2]
+    steep = np.linalg.norm(normal, axis=-1) > 1.0 - BLACK  # elsewhere a mask's border is no outline
+    if steep.sum() <= MOST * len(steep):
+        return False
+    down, right = np.gradient(gaussian_filter(inside.astype(float), SIGMA))
+    outward = np.mean(np.sum(normal * _unit(np.stack([-right, down], -1)[edge]), -1)[steep])
+    return bool(abs(outward) < BLACK or (outward < -MOST and _cast(surface) < MINOR))
+
+
+def _cast(surface: Surface) -> float:
+    """Return the share of dark cells among those on which a lamp should graze, since a hollow shades itself."""
+    b, inside = surface.b[surface.inside], surface.inside
+    shading = surface.s @ b.T
+    grazed = surface.counts & (np.abs(shading / np.maximum(np.linalg.norm(b, axis=-1), TINY) - BLACK) < SMALL)
+    ring = (binary_fill_holes(inside) != inside).any()  # a groove is too narrow to shade itself much
+    return float(np.mean((surface.y < MOST * shading)[grazed])) if grazed.any() and not ring else 1.0
+
+
+def _unit(vectors: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), TINY)

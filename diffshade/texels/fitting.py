@@ -17,7 +17,6 @@ from jax.sharding import Mesh
 from jaxtyping import ArrayLike, Float, Int
 
 from ..core.backend import check_backend, in_float64
-from ..core.extras import check_extra
 from ..core.fields import as_float64
 from ..core.progress import showing
 from ..core.thresholds import MOST, SMALL
@@ -165,7 +164,6 @@ def fit_texels(
         TypeError: An argument has the wrong type.
         LostProcess: Another process of the fit was lost.
         RuntimeError: This jaxlib adds up wrongly.
-        ImportError: All texels may share a highlight, and optax is not installed.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     check_scale(memory, devices)
@@ -178,8 +176,6 @@ def fit_texels(
     known = None if light_error is None else checked_light_error(light_error, scene, views, free, loss)
     if out is not None:
         scene_document(scene, views[0].camera)  # refuses what could not be written beside the maps
-    if set(free) == SHARED and loss != "squares":
-        check_extra("photographs", "cannot fit the texels of photographs", "optax")
     check_backend()
     scene = jax.tree.map(as_float64, scene)
     region_of = None if regions is None else np.unique(np.asarray(regions), return_inverse=True)[1].reshape(-1)

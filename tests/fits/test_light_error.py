@@ -169,7 +169,7 @@ def test_a_fit_by_elimination_ends_where_the_dense_one_does():
         squares = problem.sum_of_squares(chunks)
         theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
         dense = dataclasses.replace(problem, box=dataclasses.replace(problem.box, arrow=None))
-        ends = [minimise(theta, p.task(squares), chunks, squares=squares, max_steps=100) for p in (problem, dense)]
+        ends = [minimise(theta, p.task(squares), chunks, max_steps=100) for p in (problem, dense)]
         assert problem.box.arrow is not None
         np.testing.assert_allclose(ends[0].theta, ends[1].theta, rtol=1e-9, atol=1e-9)
 

@@ -84,7 +84,7 @@ def test_only_lights_whose_views_cost_more_elsewhere_are_moved_and_all_of_them_a
 
         def better(theta):
             end = evaluate(theta, task, chunks)  # at the best k_d and k_s
-            found = at_better_places(end, samples, lights, problem.unknowns, problem.scene, task, chunks)
+            found = at_better_places(end, samples, lights, task, chunks)
             return None if found is None else np.where(found == end.theta, theta, found)
 
         assert len(lights) == 12

@@ -7,7 +7,7 @@ import sys
 def test_rendering_fitting_and_a_report_need_none(tmp_path):
     program = f"""
 import sys
-for package in ("cv2", "matplotlib", "OpenEXR", "optax", "pyamg", "rawpy", "tifffile", "trimesh", "zarr"):
+for package in ("cv2", "matplotlib", "OpenEXR", "pyamg", "rawpy", "tifffile", "trimesh", "zarr"):
     sys.modules[package] = None
 import diffshade as ds
 scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=0.5)), ds.DirectionalLight((0, 0, -1)))

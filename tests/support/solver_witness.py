@@ -45,9 +45,7 @@ class Solver(NamedTuple):
     upper: np.ndarray
 
     def run(self, max_steps: int = 200) -> Minimum:
-        return minimise(
-            self.start, self.problem.task(self.squares), self.chunks, squares=self.squares, max_steps=max_steps
-        )
+        return minimise(self.start, self.problem.task(self.squares), self.chunks, max_steps=max_steps)
 
 
 def three_views(

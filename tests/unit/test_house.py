@@ -76,7 +76,6 @@ ONLY_IN = {
     "imageio": "io",
     "jinja2": "report",
     "matplotlib": "report",
-    "optax": "texels",
     "pyamg": "texels.heights",
     "mapbox_earcut": "io",
     "trimesh": "io",

@@ -1,7 +1,5 @@
 """The engine: it finds what SciPy's own least squares find, within bounds, in any units."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +18,7 @@ from synthetic import CAMERA, FREE, TIED, one_light_each, standard_scene
 
 import diffshade as ds
 from diffshade.inverse.forward.gram import ByView, Gram, Point
-from diffshade.inverse.solve.descent import BoxNewton, GainRatio, GramLevenbergMarquardt, at_bound
+from diffshade.inverse.solve.descent import GramLevenbergMarquardt, at_bound
 from diffshade.inverse.solve.elimination import Dense
 from diffshade.inverse.solve.solvers import PriorResiduals
 
@@ -62,9 +60,10 @@ def test_photographs_in_other_units_give_the_same_material_times_that_unit():
 
 @jax.jit
 def step(y, g, H, lower, upper, step_size, projected=None):
-    descent = BoxNewton(lower, upper, jnp.zeros(len(lower), bool) if projected is None else projected)
-    here: Any = optx.FunctionInfo.EvalGradHessian(jnp.asarray(0.0), jnp.asarray(g), Dense(jnp.asarray(H)))  # pyright: ignore
-    return descent.step(step_size, descent.query(y, here, descent.init(y, here)))[0]
+    solver = within(lower, upper, projected)
+    of_view = ByView(jnp.zeros(1), g[None], H[None], None)
+    here = Point(jnp.asarray(y), Gram(jnp.asarray(0.0), jnp.asarray(g), Dense(jnp.asarray(H))), of_view)
+    return solver.newton(here, step_size, jnp.diagonal(H))[0]
 
 
 def random_problem(random: np.random.Generator, p: int = 6):
@@ -164,8 +163,9 @@ def linear_least_squares(y, args):
     return one_view(y, 0.5 * r @ r, A.T @ r, A.T @ A)
 
 
-def within(lower, upper) -> GramLevenbergMarquardt:
-    return GramLevenbergMarquardt(descent=BoxNewton(lower, upper, jnp.zeros(len(lower), bool)), search=GainRatio())
+def within(lower, upper, projected=None, **options) -> GramLevenbergMarquardt:
+    projected = jnp.zeros(len(lower), bool) if projected is None else projected
+    return GramLevenbergMarquardt(lower=lower, upper=upper, projected=projected, **options)
 
 
 @jax.jit
@@ -265,7 +265,7 @@ def test_a_step_from_far_away_says_nothing_of_how_later_ones_shrink():
         return one_view(y, 0.5 * r @ r, J.T @ r, J.T @ J)
 
     far = jnp.full(3, 1e9)
-    solver = GramLevenbergMarquardt(descent=BoxNewton(-far, far, jnp.zeros(3, bool)), search=GainRatio(damping=1e-8))
+    solver = within(-far, far, damping=1e-8)
     solution = optx.minimise(shifted, solver, jnp.array([2.0, 1.29, 1e5]), has_aux=True, max_steps=50)
     best = scipy.optimize.least_squares(lambda y: left(y, np), [2.0, 1.29, 5.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
     error = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))

@@ -74,6 +74,14 @@ def as_level(level: Any) -> Any:
     return float(level) if np.ndim(level) == 0 and number else level
 
 
+def srgb_curve(m: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Return linear levels on the sRGB curve, and its slope there: `io.encodings.srgb_encode` in JAX."""
+    bright = m > 0.0031308
+    level = jnp.where(bright, m, 1.0)
+    root = level ** (1.0 / 2.4)
+    return jnp.where(bright, 1.055 * root - 0.055, 12.92 * m), jnp.where(bright, 1.055 / 2.4 * root / level, 12.92)
+
+
 class Noise(Checked):
     r"""How much a photograph's samples scatter, at the level m of the image (Healey and Kondepudy 1994).
 
@@ -110,9 +118,7 @@ class Noise(Checked):
     def variance(self, m: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return the variance at the level m."""
         m = jnp.where(m > 0.0, m, 0.0)
-        bright = m > 0.0031308
-        curve = jnp.where(bright, 2.4 / 1.055 * jnp.where(bright, m, 1.0) ** (1.4 / 2.4), 1.0 / 12.92)
-        spacing = jnp.where(self.srgb > 0.5, curve, 1.0)
+        spacing = jnp.where(self.srgb > 0.5, 1.0 / srgb_curve(m)[1], 1.0)
         step = jnp.where(self.levels > 0, spacing / jnp.where(self.levels > 0, self.levels, 1.0), 0.0)
         return self.read**2 + self.shot * m + step**2 / 12.0
 

@@ -38,9 +38,8 @@ from .lighting import (
     Lit,
     Seen,
     faded,
+    fields_at,
     fields_of_chunk,
-    fields_seen,
-    fields_seen_by_chunk,
     intensities_of,
     lit_by,
     points_seen,
@@ -64,8 +63,6 @@ SERVED = {
 class FeatureModel(AbstractForwardModel):
     """The predictions of one object's material, as sums of features."""
 
-    setting: Setting
-    likelihood: Likelihood
     with_exponent: bool = eqx.field(static=True)
     """Whether n_s is unknown."""
     fading: tuple[tuple[str, ...], ...] = eqx.field(static=True)
@@ -82,11 +79,6 @@ class FeatureModel(AbstractForwardModel):
         """Whether one pass gives the Gram at any linear unknowns: where the Gram of the features is shared."""
         return self.shared
 
-    @property
-    def transparent(self) -> bool:
-        """Whether light passes through an object: no."""
-        return False
-
     def seen(self, pixels: Pixels, view: Any, counts: Any) -> Seen:
         """Return the points that a chunk's pixels show."""
         return seen_by_chunk(self.setting, pixels, view, counts)
@@ -95,15 +87,10 @@ class FeatureModel(AbstractForwardModel):
         """Return the fields of a chunk's points; the points themselves where a light moves."""
         return seen if any(self.placed) else fields_of_chunk(self.setting, seen, view)
 
-    def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
-        """Return `lit` of `seen`, by one program where the lights are known, which does not store the points."""
-        if any(self.placed):
-            return super().fields(pixels, view, counts)
-        return fields_seen_by_chunk(self.setting, pixels, view, counts)
-
     def points(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
-        """Return `fields` as a part of another program, with derivatives by the scene and the cameras."""
-        return (points_seen if any(self.placed) else fields_seen)(self.setting, pixels, view, counts)
+        """Return `lit` of `seen` as a part of another program, with derivatives by the scene and the cameras."""
+        seen = points_seen(self.setting, pixels, view, counts)
+        return seen if any(self.placed) else fields_at(self.setting, seen, view)
 
     def rows(self, scene: Any, view: Array, points: Fields | Seen) -> list[Any]:
         """Return F of a block: 1, then u and v of each light, then their derivatives for each light."""

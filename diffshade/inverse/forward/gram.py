@@ -126,12 +126,14 @@ class Point(eqx.Module):
     total: Gram
     views: ByView
 
+    def gain(self, step: Float[Array, " p"]) -> Float[Array, ""]:
+        """Return by how much a step lowers the cost, by the quadratic model."""
+        return -(self.total.gradient @ step + 0.5 * step @ self.total.hessian.times(step))
+
     def moved(self, step: Float[Array, " p"]) -> Point:
         """Return the point after a step too small for a pass: the quadratic model moves, in total and of each view."""
-        of = self.total
-        slope = of.hessian.times(step)
-        cost = of.cost + of.gradient @ step + 0.5 * step @ slope
-        total = Gram(jnp.maximum(cost, 0.0), of.gradient + slope, of.hessian)  # rounding takes 0 below itself
+        of, cost = self.total, jnp.maximum(self.total.cost - self.gain(step), 0.0)  # rounding takes 0 below itself
+        total = Gram(cost, of.gradient + of.hessian.times(step), of.hessian)
         return Point(self.theta + step, total, self.views.moved(step))
 
 

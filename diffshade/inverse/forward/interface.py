@@ -61,18 +61,18 @@ class AbstractForwardModel(eqx.Module):
     `gram`. Memory holds one block's derivatives at a time.
     """
 
-    setting: eqx.AbstractVar[Setting]
-    likelihood: eqx.AbstractVar[Likelihood]
+    setting: Setting
+    likelihood: Likelihood
 
     @property
-    @abstractmethod
     def projects(self) -> bool:
         """Whether one pass gives the Gram at any linear unknowns (variable projection)."""
+        return False
 
     @property
-    @abstractmethod
     def transparent(self) -> bool:
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
+        return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
     def seen(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
         """Return the points that a chunk's pixels show, which are the same in all views of one camera.
@@ -85,12 +85,8 @@ class AbstractForwardModel(eqx.Module):
         """Return what `predict` needs to know of points: `Block.points`, which known lights are a part of."""
         return seen
 
-    def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return what `predict` needs to know of a chunk's pixels."""
-        return self.lit(self.seen(pixels, view, counts), view)
-
     def points(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return `fields` as a part of another program, with derivatives by the scene and the cameras."""
+        """Return `lit` of `seen` as a part of another program, with derivatives by the scene and the cameras."""
         return pixels
 
     @abstractmethod

@@ -57,49 +57,35 @@ def points_of(
     """
     shows = [tuple((data.cameras[v], id(pixels) if len(pixels) else 0) for v, _, pixels in of) for of in chunks]
     alike = [(key, tuple(data.lit[part.view] for part in of)) for key, of in zip(shows, chunks, strict=True)]
-    first: dict[tuple, Sequence[Piece]] = {}
+    one = dict(zip(alike, chunks, strict=True))  # of the chunks that are alike
     by_camera: dict[tuple, list[tuple]] = {}
-    for pair, of in zip(alike, chunks, strict=True):
-        if pair not in first:
-            first[pair] = of
-            by_camera.setdefault(pair[0], []).append(pair)
+    for pair in one:
+        by_camera.setdefault(pair[0], []).append(pair)
 
     def pixels_of(parts: Sequence[Piece], length: int) -> tuple[Any, Any, Any]:
         counts = np.zeros((length, 1))
         counts[: len(parts), 0] = [len(part.pixels) for part in parts]
         return place(parts, size, over_pixels, length), views_of(parts, length), np.arange(size) < counts
 
-    def at_once(pair: tuple) -> Any:
-        return jax.device_put(model.fields(*pixels_of(first[pair], len(first[pair]))))
-
     def seen(key: tuple) -> Any:
         """Return what a camera shows; blocks of a chunk that show the same are found once."""
-        parts, different = first[by_camera[key][0]], list(dict.fromkeys(key))
-        length = padded_length(len(different))
+        parts, different = one[by_camera[key][0]], list(dict.fromkeys(key))
+        if (length := padded_length(len(different))) >= len(key):  # to find these once would save nothing
+            return jax.device_put(model.seen(*pixels_of(parts, len(parts))))
         once = model.seen(*pixels_of([parts[key.index(block)] for block in different], length))
-        if length == len(different) == len(key):
-            return jax.device_put(once)
         index = [different.index(block) for block in key]
         return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
 
     def lit(keys: Sequence[tuple]) -> dict[tuple, Any]:
         points = dict(zip(keys, on_all_cores(seen, keys), strict=True))
         pairs = [pair for key in keys for pair in by_camera[key]]
-        found = on_all_cores(lambda pair: model.lit(points[pair[0]], views_of(first[pair])), pairs)
+        found = on_all_cores(lambda pair: model.lit(points[pair[0]], views_of(one[pair])), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    alone = {key: of[0] for key, of in by_camera.items() if len(of) == 1 and not _repeats(key)}
-    shared = [key for key in by_camera if key not in alone]
-    found = dict(zip(alone.values(), on_all_cores(at_once, alone.values()), strict=True))
-    for start in range(0, len(shared), cores()):  # a few at a time: what is seen takes more memory than what is kept
-        found |= lit(shared[start : start + cores()])
+    keys, found = list(by_camera), {}
+    for start in range(0, len(keys), cores()):  # a few at a time: what is seen takes more memory than what is kept
+        found |= lit(keys[start : start + cores()])
     return [found[pair] for pair in alike]
-
-
-def _repeats(key: Sequence[tuple]) -> bool:
-    """Whether blocks of a chunk show the same pixels, so that finding these once saves something."""
-    filled = [block for block in key if block[1]]
-    return len(set(filled)) < len(filled) and padded_length(len(set(key))) < len(key)
 
 
 def with_weights(model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:

@@ -35,33 +35,29 @@ class Seen(eqx.Module):
     v: Vec3
 
 
+class Lit(NamedTuple):
+    """What the geometry of a light decides at a block's pixels."""
+
+    diffuse: Numbers
+    """f_ang (n.l)_+."""
+    log_cosine: Numbers
+    """Logarithm of the highlight's base; DARK where there is no highlight."""
+    distance: Numbers | None
+    """None where the light is at infinity."""
+    f_ang: Numbers | None
+    """None where it is 1."""
+
+
 class Fields(eqx.Module):
-    """What the geometry of the light decides at a block's pixels: one row per light that is on."""
+    """The same for all lights that are on, a row for each."""
 
     counts: Bool[Array, "... pixels"]
     """False where the block is padded."""
-    diffuse: Float[Array, "... lights pixels"]
-    """f_ang (n.l)_+."""
-    log_cosine: Float[Array, "... lights pixels"]
-    """Logarithm of the highlight's base; DARK where there is no highlight."""
-    distance: Float[Array, "... lights pixels"] | None
-    """None where all lights are at infinity."""
-    f_ang: Float[Array, "... lights pixels"] | None
-    """None where it is 1."""
+    lit: Lit
 
     def of(self, light: int) -> Lit:
         """Return the row of one light."""
-        d, f_ang = (None if of is None else of[light] for of in (self.distance, self.f_ang))
-        return Lit(self.diffuse[light], self.log_cosine[light], d, f_ang)
-
-
-class Lit(NamedTuple):
-    """The fields of one light."""
-
-    diffuse: Numbers
-    log_cosine: Numbers
-    distance: Numbers | None
-    f_ang: Numbers | None
+        return jax.tree.map(lambda rows: rows[light], self.lit)
 
 
 def intensities_of(scene: Any, lit: Any) -> Float[Array, "views lights channels"]:
@@ -147,18 +143,13 @@ def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
                 rows.append(lit_by(jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack), lobe, seen))
         if not rows:
             none = jnp.zeros((0, *seen.counts.shape))
-            return Fields(seen.counts, none, none, None, None)
+            return Fields(seen.counts, Lit(none, none, None, None))
         local, angular = (any(of is not None for of in every) for every in list(zip(*rows, strict=True))[2:])
         filled = [row._replace(distance=_or(row.distance, one), f_ang=_or(row.f_ang, one)) for row in rows]
         diffuse, log, d, f_ang = (jnp.stack(of) for of in zip(*filled, strict=True))
-        return Fields(seen.counts, diffuse, log, d if local else None, f_ang if angular else None)
+        return Fields(seen.counts, Lit(diffuse, log, d if local else None, f_ang if angular else None))
 
     return jax.vmap(of_block)(seen, view)
-
-
-def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
-    """Return the fields of a chunk's pixels."""
-    return fields_at(setting, points_seen(setting, pixels, view, counts), view)
 
 
 def _or(found: Numbers | None, default: Numbers) -> Numbers:
@@ -168,4 +159,3 @@ def _or(found: Numbers | None, default: Numbers) -> Numbers:
 # The same, compiled
 seen_by_chunk = partial(points_seen, find=jit_quickly(_points, options=SOONER))
 fields_of_chunk = jit_quickly(fields_at, options=SOONER)
-fields_seen_by_chunk = jit_quickly(fields_seen, options=SOONER)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.backend import jit_quickly
+from ...core.barriers import stored
 from ...core.fields import Array
 from ...model.bands import in_bands
 from ...model.cameras import AbstractCamera, Projection
@@ -48,20 +49,8 @@ AROUND = _around()
 class RenderedModel(AbstractForwardModel):
     """The predictions of any scene, by rendering its pixels; derivatives by `jax.linearize`."""
 
-    setting: Setting
-    likelihood: Likelihood
     steepest: Float[Array, " p"] | None = None
     """During a search, a sample counts only if |sqrt(w) dm/dtheta| is at most this for every unknown; None: always."""
-
-    @property
-    def projects(self) -> bool:
-        """Whether one pass gives the Gram at any linear unknowns: no."""
-        return False
-
-    @property
-    def transparent(self) -> bool:
-        """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
-        return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""
@@ -105,60 +94,38 @@ class RenderedModel(AbstractForwardModel):
 
     def summary(self, theta: Float[Array, " p"], chunk: Block) -> Gram:
         """Return the Gram of each view over the blocks of a chunk: memory for one block at a time."""
-        p, views, shown = theta.shape[0], self.setting.grey.shape[0], self.setting.shown
-        most = p if shown is None else shown.shape[1]
-        zero = Gram(jnp.zeros(views), jnp.zeros((views, most)), jnp.zeros((views, most, most)))
-        if self.setting.of_bands is not None:
-            return jax.lax.scan(self._adder_of_bands(theta, *self.setting.of_bands), zero, chunk)[0]
-
-        def add(total: Gram, block: Block) -> tuple[Gram, None]:
-            m, derivative = jax.linearize(lambda q: self.predict(q, block), theta)
-            index, along = directions_of(shown, block.view, p)
-            J = jax.vmap(derivative)(along)  # for each channel, J^T: (most, pixels)
-            grams = [
-                Gram(terms.cost.sum(), Jc @ terms.slope, (Jc * terms.curvature[None]) @ Jc.T)
-                for Jc, terms in zip(J, self._costs(m, J, index, block.observed), strict=True)
-            ]
-            of_block = jax.tree.map(lambda *leaves: sum(leaves), *grams)
-            return jax.tree.map(lambda t, b: t.at[block.view].add(b), total, of_block), None
-
-        return jax.lax.scan(add, zero, chunk)[0]
-
-    def _adder_of_bands(self, theta: Array, seeds: Array, index: Array) -> Callable[[Any, Block], tuple[Gram, None]]:
-        """Return what adds the Gram of a block of many bands, each of which shows few of the unknowns."""
+        setting, p = self.setting, theta.shape[0]
+        views, most = len(setting.grey), p if setting.shown is None else setting.shown.shape[1]
 
         def add(total: Any, block: Block) -> tuple[Gram, None]:
-            m, derivative = jax.linearize(lambda q: jnp.stack(self.predict(q, block)), theta)
-            J, seen = jax.vmap(derivative, out_axes=1)(seeds), block.observed  # (bands, seeds, pixels)
-            weight = seen.weight
-            if self.steepest is not None:
-                limit = self._limits(index)[:, :, None]
-                weight = jnp.where(jnp.all(jnp.sqrt(weight)[:, None] * jnp.abs(J) <= limit, 1), weight, 0.0)
-            terms = jax.vmap(self.likelihood.terms)(m, seen.target, weight, seen.clipped)
+            m, derivative = jax.linearize(lambda q: self.predict(q, block), theta)
+            view, seen = block.view, block.observed
+            if setting.of_bands is None:
+                unknowns, seeds = directions_of(setting.shown, view, p)
+                index = jnp.broadcast_to(unknowns, (len(m), most))
+                at = jnp.broadcast_to(jnp.arange(most), index.shape)
+            else:  # each band shows few of the unknowns
+                seeds, index = setting.of_bands
+                at = index
+            J = jnp.stack(stored(jax.vmap(derivative)(seeds)))  # (channels, seeds, pixels)
+            weight = seen.weight if self.steepest is None else self._gentle(J, index, seen.weight)
+            terms = self.likelihood.terms(jnp.stack(m), seen.target, weight, seen.clipped)
             slope = jnp.einsum("csp,cp->cs", J, terms.slope)
             curvature = jnp.einsum("csp,ctp->cst", J * terms.curvature[:, None], J)
-            view = block.view
-            of_block = Gram(
+            added = Gram(
                 total.cost.at[view].add(terms.cost.sum()),
-                total.gradient.at[view, index].add(slope, mode="drop"),
-                total.hessian.at[view, index[:, :, None], index[:, None, :]].add(curvature, mode="drop"),
+                total.gradient.at[view, at].add(slope, mode="drop"),
+                total.hessian.at[view, at[:, :, None], at[:, None, :]].add(curvature, mode="drop"),
             )
-            return of_block, None
+            return added, None
 
-        return add
+        zero = Gram(jnp.zeros(views), jnp.zeros((views, most)), jnp.zeros((views, most, most)))
+        return jax.lax.scan(add, zero, chunk)[0]
 
-    def _costs(self, m: Sequence[Any], J: Sequence[Any], index: Array, seen: Observed) -> list[Any]:
-        """Return the likelihood's terms channel by channel, of samples that are not too steep."""
-        if self.steepest is None:
-            return costs(self.likelihood, m, seen)
-        limit = self._limits(index)[:, None]
-        gentle = [jnp.all(jnp.sqrt(w)[None] * jnp.abs(Jc) <= limit, 0) for w, Jc in zip(seen.weight, J, strict=True)]
-        weight = [jnp.where(counts, w, 0.0) for w, counts in zip(seen.weight, gentle, strict=True)]
-        return costs(self.likelihood, m, eqx.tree_at(lambda o: o.weight, seen, weight))
-
-    def _limits(self, index: Array) -> Array:
-        """Return the steepest slopes by some unknowns; none by a padded one."""
-        return jnp.asarray(self.steepest).at[index].get(mode="fill", fill_value=jnp.inf)
+    def _gentle(self, J: Array, index: Array, weight: Array) -> Array:
+        """Return the weights of samples that are not too steep, 0 of others; an index beyond the unknowns is none."""
+        limit = jnp.asarray(self.steepest).at[index].get(mode="fill", fill_value=jnp.inf)[:, :, None]
+        return jnp.where(jnp.all(jnp.sqrt(weight)[:, None] * jnp.abs(J) <= limit, 1), weight, 0.0)
 
     def gram(self, theta: Float[Array, " p"], summary: Gram) -> ByView:
         """Return the Gram of each view from the sum of the chunks' summaries."""

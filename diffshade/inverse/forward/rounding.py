@@ -32,6 +32,7 @@ from ...core.fields import Array
 from ...core.thresholds import SLIGHT
 from ...io.encodings import srgb_encode
 from ..data.samples import MIN_LEVELS
+from ..data.views import srgb_curve
 
 HARMONICS = 12  # terms of the sawtooth; they have 95 % of its variance
 MOST_NOISE = 0.6  # steps; with more noise, rounding is just a part of it
@@ -67,15 +68,9 @@ class Rounding(eqx.Module):
         return bool(np.any(np.asarray(self.step) > 0))
 
     def steps(self, view: Any, m: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        """Return where the levels m of a view are, counted in steps, and the size of a step there; 0 without steps.
-
-        The sRGB curve is that of `io.images.srgb_encode`, here in JAX.
-        """
+        """Return where the levels m of a view are, counted in steps, and the size of a step there; 0 without steps."""
         step, srgb = self.step[view], self.srgb[view] > 0
-        bright = m > 0.0031308
-        root = jnp.where(bright, m, 1.0) ** (1.0 / 2.4)
-        encoded = jnp.where(bright, 1.055 * root - 0.055, 12.92 * m)
-        slope = jnp.where(bright, 1.055 / 2.4 * root / jnp.where(bright, m, 1.0), 12.92)
+        encoded, slope = srgb_curve(m)
         size = jnp.where(step > 0, step, 1.0)
         return jnp.where(srgb, encoded, m) / size, jnp.where(srgb, step / slope, step)
 

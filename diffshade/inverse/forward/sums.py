@@ -71,12 +71,11 @@ def residuals(
 def spread(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Array, "5"]:
     """Return the sums of `Likelihood.spread` over a chunk."""
 
-    def add(total: Array, block: Block) -> tuple[Array, None]:
-        seen = block.observed
-        m = jnp.stack(model.predict(theta, block))
-        return total + model.likelihood.spread(m, seen.target, model.sample_weights(block), seen.clipped), None
+    def of_block(block: Block) -> Array:
+        m, seen = jnp.stack(model.predict(theta, block)), block.observed
+        return model.likelihood.spread(m, seen.target, model.sample_weights(block), seen.clipped)
 
-    return jax.lax.scan(add, jnp.zeros(5), chunk)[0]
+    return jax.lax.map(of_block, chunk).sum(0)
 
 
 def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Array, "views p waves"]:
@@ -104,9 +103,9 @@ def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Arra
 def variance_of_steps(rounding: Rounding, model: AbstractForwardModel, chunk: Block) -> Float[Array, "2"]:
     """Return the sums over a chunk's samples of 1 and of the weighted variance of a step, w q^2/12."""
 
-    def add(total: Array, block: Block) -> tuple[Array, None]:
+    def of_block(block: Block) -> Array:
         weight = model.measured_weights(block)
         _, size = rounding.steps(block.view, block.observed.target)
-        return total + jnp.stack([jnp.sum(jnp.where(weight > 0, 1.0, 0.0)), jnp.sum(weight * size**2) / 12.0]), None
+        return jnp.stack([jnp.sum(jnp.where(weight > 0, 1.0, 0.0)), jnp.sum(weight * size**2) / 12.0])
 
-    return jax.lax.scan(add, jnp.zeros(2), chunk)[0]
+    return jax.lax.map(of_block, chunk).sum(0)

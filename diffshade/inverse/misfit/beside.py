@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import special
+from scipy import ndimage, special
 
 from ...core.masks import Mask
 from ...core.robust_scale import RARE, robust_scale
@@ -79,10 +78,7 @@ def _by_channel(of_views: Sequence[Float[np.ndarray, "n c"]]) -> list[Float[np.n
 
 def _far_from(inside: Mask) -> Int[np.ndarray, " n"]:
     """Return some pixels far from the objects, along rows and along columns, evenly spread."""
-    near, (h, w) = np.pad(inside, FAR), inside.shape
-    near = functools.reduce(np.logical_or, (near[k : k + h] for k in range(2 * FAR + 1)))
-    near = functools.reduce(np.logical_or, (near[:, k : k + w] for k in range(2 * FAR + 1)))
-    far = np.flatnonzero(~near)
+    far = np.flatnonzero(ndimage.maximum_filter(inside, 2 * FAR + 1, mode="constant") == 0)
     return far[:: max(len(far) // MAX_PIXELS, 1)]
 
 

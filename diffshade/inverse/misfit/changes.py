@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Int
 from numpy.polynomial import legendre
+from scipy import ndimage
 
 from ...core.robust_scale import OUTLIER
 from ...model.surfaces import Sphere
@@ -241,14 +242,11 @@ def _center(at: Linearised, name: str) -> np.ndarray:
 
 def _across(at: Linearised) -> Float[np.ndarray, "2 n"]:
     """Return where each sample is across the object, from -1 to 1 along a row and along a column."""
-    set_up = at.set_up
-    width = np.array([view.camera.shape[1] for view in at.fit.views])[set_up.view]
+    view, widths = at.set_up.view, np.array([view.camera.shape[1] for view in at.fit.views])
+    row, column = np.divmod(at.set_up.pixel, widths[view])
     across = []
-    for index in (set_up.pixel % width, set_up.pixel // width):
-        first, last = (
-            np.array([of(index[set_up.view == i], initial=end) for i in range(len(at.fit.views))])[set_up.view]
-            for of, end in ((np.min, np.iinfo(int).max), (np.max, 0))
-        )
+    for index in (column, row):
+        first, last = (of(index, view, np.arange(len(widths)))[view] for of in (ndimage.minimum, ndimage.maximum))
         across.append(2.0 * (index - first) / np.maximum(last - first, 1) - 1.0)
     return np.array(across)
 

@@ -59,41 +59,29 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Men
     """
     before = _misfits(fit, _linear)
 
-    def tried(kind: str, what: str, remedy: str, scene: Scene, to: Curve, back: Curve) -> tuple[np.ndarray, Mended]:
+    def tried(kind: str, what: str, remedy: str, scene: Scene, *curves: Curve) -> tuple[np.ndarray, Mended]:
+        to, back = curves or (_linear, _linear)
         again, refitted = _refitted(fit, scene, to)
         after = _misfits(again, back)
         rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.4g}" for of in (after, before)]
         values = None if to is _linear else again.values
         return after, Mended(kind, f"{what} with RMSE {' instead of '.join(rmse)}. {remedy}", values, refitted)
 
-    curves = [
-        tried(
-            "encoding",
-            f"the images seem to be {what}, they fit",
-            f"Read them with ds.read_image(path, srgb={to is srgb_decode}).",
-            fit.scene,
-            to,
-            back,
-        )
-        for to, back, what in (
-            (srgb_decode, srgb_encode, "sRGB-encoded, but were read as linear: decoded"),
-            (srgb_encode, srgb_decode, "linear, but were decoded from sRGB: encoded again"),
-        )
+    encoded = "the images seem to be sRGB-encoded, but were read as linear: decoded, they fit"
+    decoded = "the images seem to be linear, but were decoded from sRGB: encoded again, they fit"
+    read = "Read them with ds.read_image(path, srgb={})."
+    curve = min(
+        tried("encoding", encoded, read.format(True), fit.scene, srgb_decode, srgb_encode),
+        tried("encoding", decoded, read.format(False), fit.scene, srgb_encode, srgb_decode),
+        key=_cost,
+    )
+    scenes = [(found, found.words, found.fault.mended) for found in others]
+    mended = [
+        tried(found.fault.kind, f"{what}: so they fit", remedy, mend(found))
+        for found, (what, remedy), mend in scenes
+        if mend is not None
     ]
-    scenes = [
-        tried(
-            found.fault.kind,
-            f"{what}: so they fit",
-            remedy,
-            found.fault.mended(found),
-            _linear,
-            _linear,
-        )
-        for found in others
-        if found.fault.mended is not None
-        for what, remedy in [found.words]
-    ]
-    curve, *other = (min(of, key=_cost) for of in (curves, scenes) if of)
+    other = sorted(mended, key=_cost)
     is_other = bool(other) and CLEARLY * _cost(other[0]) < _cost(curve)
     best, least = (other[0], by_gamma) if is_other else (curve, MOST * by_gamma)
     share, agreed = 1.0 - _cost(best) / before[:, 0].sum(), np.mean((best[0] < before)[before[:, 0] > 0, 0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -86,11 +87,7 @@ def union(of: Sequence[Shadow]) -> Mask:
     return np.logical_or.reduce([shadow.mask for shadow in of])
 
 
-def _seen(set_up: SetUp, state: Corrected, i: int, of: Corrected | None = None) -> MeanPrediction:
-    """Return a view as a state predicts it, without what it or another one leaves out."""
-    return see(state.fit, state.fit.views[i], set_up.samples[i], (of or state).excluded[i])
-
-
 def _see_rims(set_up: SetUp, state: Corrected, of: Corrected) -> list[tuple[MeanPrediction, Mask, np.ndarray]]:
     """Return for each view photograph and prediction without what a state leaves out, the rim, and its sectors."""
-    return [(_seen(set_up, state, i, of), *rim) for i, rim in enumerate(set_up.rims)]
+    seen = map(partial(see, state.fit), state.fit.views, set_up.samples, of.excluded)
+    return [(view, *rim) for view, rim in zip(seen, set_up.rims, strict=True)]

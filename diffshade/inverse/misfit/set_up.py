@@ -21,7 +21,6 @@ from ..unknowns.parameters import find_unknowns
 from ..unknowns.places import Place
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
-from ..unknowns.visibility import shown_unknowns
 from .beside import beside
 from .regions import center_of, rims
 
@@ -67,8 +66,10 @@ class SetUp:
         """The index of each number that faults move."""
         for j, unknown in enumerate(added):
             self.places.setdefault(unknown.places[0].whole, []).append(self.own + j)
-        shown, p = shown_unknowns(fit.scene, fit.views, self.laid.problem.unknowns), self.own + len(added)
-        self.shown = np.tile(np.arange(p), (len(fit.views), 1)) if shown is None else shown
+        shown = self.laid.model.setting.shown
+        self.shown = (
+            np.tile(np.arange(len(self.laid.theta)), (len(fit.views), 1)) if shown is None else np.asarray(shown)
+        )
         samples = [
             np.broadcast_arrays(v, pixels, np.arange(of.photograph.shape[2])[:, None])
             for v, of, pixels in self.laid.parts

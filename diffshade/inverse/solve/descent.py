@@ -1,4 +1,4 @@
-"""Descent: a Levenberg-Marquardt step on J^T J within bounds, as optimistix's parts, and when steps are over."""
+"""Descent: Levenberg-Marquardt steps on J^T J within bounds, as a solver of optimistix, and when they are over."""
 
 from __future__ import annotations
 
@@ -19,36 +19,6 @@ from .elimination import Symmetric
 
 PATIENCE = 6  # steps, rejected ones too
 STALLED = 1e-8  # of the cost, that as many steps together must keep on the way to a start
-
-
-class BoxNewton(optx.AbstractDescent):
-    """Damped Newton step (H + D/step_size) dy = -g within bounds, by an active set.
-
-    The step is the minimum of the damped quadratic model over the box. D is the running maximum of diag(H), so that it
-    does not depend on the units of an unknown (More 1978).
-    """
-
-    lower: Float[fields.Array, " p"]
-    upper: Float[fields.Array, " p"]
-    projected: Bool[fields.Array, " p"]
-    """Unknowns that are at their best for whatever the others are: damping has nothing to hold there."""
-
-    def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Symmetric, Array]:
-        """Return an empty state: the point, its gradient, its Hessian and the scale."""
-        return y, jnp.zeros_like(y), jax.tree.map(jnp.zeros_like, f_info_struct.hessian), jnp.zeros_like(y)
-
-    def query(self, y: Array, f_info: Any, state: tuple) -> tuple[Array, Array, Symmetric, Array]:
-        """Take a new point."""
-        return y, f_info.grad, f_info.hessian, jnp.maximum(state[3], f_info.hessian.diagonal())
-
-    def step(self, step_size: Scalar, state: tuple) -> tuple[Array, Any]:
-        """Return the step of damping 1/step_size from the point."""
-        y, g, H, D = state
-        damping = jnp.where(self.projected, TINY, 1.0 / step_size + 1e-15)
-        dy = box_step(H, g, damping, self.lower - y, self.upper - y, D)
-        finite = jnp.all(jnp.isfinite(dy))
-        result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
-        return jnp.where(finite, dy, 0.0), result
 
 
 def box_minimum(A: Symmetric, g: Float[Array, " p"], low: Array, high: Array) -> Float[Array, " p"]:
@@ -84,48 +54,14 @@ def at_bound(y: Array, gradient: Array, lower: Array, upper: Array) -> Bool[Arra
     return ((y <= lower) & (gradient >= 0)) | ((y >= upper) & (gradient <= 0))
 
 
-class GainRatio(optx.AbstractSearch):
-    """Accept a step that lowers the cost; set the damping by the ratio of actual to predicted gain (Nielsen 1999).
-
-    With rho that ratio: damping * max(1/3, 1 - (2 rho - 1)^3) after an accepted step, else damping * nu, nu doubled
-    each time. A step whose predicted gain and actual change are both below `rounding` is accepted as well: the gradient
-    is then known better than the cost.
-    """
-
-    rounding: float | Array = 0.0
-    damping: float = 1e-3
-
-    def init(self, y: Array, f_info_struct: Any) -> tuple[Scalar, Scalar]:
-        """Return the first step size, 1/damping, and nu = 2."""
-        return jnp.asarray(1.0 / self.damping), jnp.asarray(2.0)
-
-    def step(
-        self, first_step: Bool[Array, ""], y: Array, y_eval: Array, f_info: Any, f_eval_info: Any, state: tuple
-    ) -> tuple[Scalar, Bool[Array, ""], Any, tuple[Scalar, Scalar]]:
-        """Judge the step from y to y_eval and return the next step size."""
-        step_size, nu = state
-        dy = y_eval - y
-        predicted = -(f_info.grad @ dy + 0.5 * dy @ f_info.hessian.times(dy))
-        actual = f_info.as_min() - f_eval_info.as_min()
-        unseen = (predicted <= self.rounding) & (jnp.abs(actual) <= self.rounding)
-        accept = first_step | ((actual > 0) & (predicted > 0)) | unseen
-        rho = jnp.where(predicted > 0, actual / jnp.where(predicted > 0, predicted, 1.0), 0.0)
-        rho = jnp.where(unseen, 1.0, rho)
-        longer = jnp.minimum(step_size / jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * rho - 1.0) ** 3), 1e15)
-        step_size = jnp.where(first_step, step_size, jnp.where(accept, longer, step_size / nu))
-        nu = jnp.where(accept, 2.0, 2.0 * nu)
-        return step_size, accept, optx.RESULTS.successful, (step_size, nu)
-
-
 class State(eqx.Module):
     """Where the solver is between two passes."""
 
-    first: Bool[Array, ""]
     y_eval: Array  # where to evaluate next
-    cost: Scalar  # of the last accepted point
-    point: Point
-    search: Any
-    descent: Any
+    point: Point  # the last accepted one
+    scale: Array  # the running maximum of diag(H)
+    step_size: Scalar  # 1/damping
+    growth: Scalar  # of the damping, after the next step that is rejected
     done: Bool[Array, ""]
     result: Any
     rejected: Int[Array, ""]  # steps since the last accepted one
@@ -143,46 +79,74 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
     `stalls` is the rule of a caller that knows the costs so far.
     """
 
-    descent: optx.AbstractDescent
-    search: optx.AbstractSearch
+    lower: Float[fields.Array, " p"]
+    upper: Float[fields.Array, " p"]
+    projected: Bool[fields.Array, " p"]
+    """Unknowns that are at their best for whatever the others are: damping has nothing to hold there."""
+    damping: float = 1e-3
+    """That of the first step."""
     rtol: float = 1e-16
     atol: Any = 0.0  # a float to optimistix; of a fit function it is traced
     rounding: float | Array = 0.0
     norm: Callable[[Any], Any] = eqx.field(static=True, default=optx.max_norm)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> State:
-        cost, point = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), (f_struct, aux_struct))
-        info = _info(cost, point)
+        point = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), aux_struct)
         return State(
-            first=jnp.array(True),
             y_eval=y,
-            cost=cost,
             point=point,
-            search=self.search.init(y, info),
-            descent=self.descent.init(y, info),
+            scale=jnp.zeros_like(y),
+            step_size=jnp.asarray(1.0 / self.damping),
+            growth=jnp.asarray(2.0),
             done=jnp.array(False),
             result=optx.RESULTS.successful,
             rejected=jnp.array(0),
             unseen=jnp.array(0),
-            gain=jnp.zeros_like(cost),
+            gain=jnp.zeros_like(point.total.cost),
             steps=jnp.array(0),
         )
 
+    def newton(self, point: Point, step_size: Scalar, scale: Array) -> tuple[Array, Any]:
+        """Return the damped Newton step (H + D/step_size) dy = -g within bounds, by an active set.
+
+        It is the minimum of the damped quadratic model over the box. D, the `scale`, is the running maximum of diag(H),
+        so that the step does not depend on the units of an unknown (More 1978).
+        """
+        low, high = (jnp.asarray(end) - point.theta for end in (self.lower, self.upper))
+        damping = jnp.where(self.projected, TINY, 1.0 / step_size + 1e-15)
+        dy = box_step(point.total.hessian, point.total.gradient, damping, low, high, scale)
+        finite = jnp.all(jnp.isfinite(dy))
+        result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
+        return jnp.where(finite, dy, 0.0), result
+
+    def _judged(self, state: State, cost: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
+        """Return whether to accept a point of this cost, the next step size, and by how much damping grows next.
+
+        A step that lowers the cost is accepted, and the damping set by the ratio rho of actual to predicted gain
+        (Nielsen 1999): damping * max(1/3, 1 - (2 rho - 1)^3), else damping * nu, nu doubled each time. A step whose
+        predicted gain and actual change are both below `rounding` is accepted as well: the gradient is then known
+        better than the cost.
+        """
+        first, predicted, actual = state.steps == 0, state.gain, state.point.total.cost - cost
+        unseen = (predicted <= self.rounding) & (jnp.abs(actual) <= self.rounding)
+        accept = first | ((actual > 0) & (predicted > 0)) | unseen
+        rho = jnp.where(predicted > 0, actual / jnp.where(predicted > 0, predicted, 1.0), 0.0)
+        rho = jnp.where(unseen, 1.0, rho)
+        longer = jnp.minimum(state.step_size / jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * rho - 1.0) ** 3), 1e15)
+        step_size = jnp.where(first, state.step_size, jnp.where(accept, longer, state.step_size / state.growth))
+        return accept, step_size, jnp.where(accept, 2.0, 2.0 * state.growth)
+
     def step(self, fn, y, args, options, state, tags) -> tuple[Array, State, Any]:
         cost, tried = fn(state.y_eval, args)
-        finite = jnp.isfinite(cost) | ~state.first  # later, the search refuses a step to a cost that is not finite
-        step_size, accept, _, search = self.search.step(
-            state.first, y, state.y_eval, _info(state.cost, state.point), _info(cost, tried), state.search
-        )
+        finite = jnp.isfinite(cost) | (state.steps > 0)  # a later step to a cost that is not finite is refused
+        accept, step_size, growth = self._judged(state, cost)
         keep = partial(jax.tree.map, lambda new, old: jnp.where(accept, new, old))
-        cost, point = keep((cost, tried), (state.cost, state.point))
-        y = keep(point.theta, y)
-        info = _info(cost, point)
-        descent = keep(self.descent.query(y, info, state.descent), state.descent)
-        dy, result = self.descent.step(step_size, descent)
+        point = keep(tried, state.point)
+        scale = keep(jnp.maximum(state.scale, tried.total.hessian.diagonal()), state.scale)
+        dy, result = self.newton(point, step_size, scale)
         rejected = jnp.where(accept, 0, state.rejected + 1)
 
-        predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.times(dy))
+        cost, predicted = point.total.cost, point.gain(dy)
         # of a step from far away, which gains more than is left, how steps shrink near the minimum cannot be told
         last = jnp.where(accept, jnp.maximum(jnp.minimum(state.gain, cost), predicted), predicted)  # 0 before the first
         following = predicted**2 / jnp.where(last > 0, last, 1.0)
@@ -191,14 +155,13 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
         below = jnp.maximum(8 * jnp.finfo(cost.dtype).eps * cost, self.rounding)
         unseen = jnp.where(predicted <= below, state.unseen + 1, 0)
-        point = jax.tree.map(partial(jnp.where, small & accept), point.moved(dy), point)  # the model that held so far
         state = State(
-            first=jnp.array(False),
-            y_eval=y + dy,
-            cost=point.total.cost,
-            point=point,
-            search=search,
-            descent=descent,
+            y_eval=point.theta + dy,
+            # by the model that held so far
+            point=jax.tree.map(partial(jnp.where, small & accept), point.moved(dy), point),
+            scale=scale,
+            step_size=step_size,
+            growth=growth,
             done=small | rounding | (rejected > 40) | (unseen > 3),  # no damping helps, or only rounding is left
             result=optx.RESULTS.where(finite, result, optx.RESULTS.nonfinite),
             rejected=rejected,
@@ -206,13 +169,13 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
             gain=predicted,
             steps=state.steps + 1,
         )
-        return point.theta, state, point
+        return jnp.asarray(state.point.theta), state, state.point
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], Any]:
         return state.done, state.result
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result) -> tuple[Array, Point, dict]:
-        return y, state.point, {"steps": state.steps, "cost": state.cost}
+        return y, state.point, {"steps": state.steps, "cost": state.point.total.cost}
 
 
 def stalls(costs: Sequence[float], least: float) -> bool:
@@ -221,11 +184,6 @@ def stalls(costs: Sequence[float], least: float) -> bool:
     Where a pixel turns from lit to dark the cost has a kink, and steps that promise much keep little.
     """
     return len(costs) > PATIENCE + 1 and costs[-1 - PATIENCE] - costs[-1] < least * costs[-1]
-
-
-def _info(cost: Scalar, point: Point) -> Any:
-    hessian: Any = point.total.hessian  # not laid out as lineax would
-    return optx.FunctionInfo.EvalGradHessian(cost, point.total.gradient, hessian)
 
 
 def box_step(H: Symmetric, g: Any, damping: Array, low: Array, high: Array, D: Array | None = None) -> Array:

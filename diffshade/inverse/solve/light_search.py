@@ -18,12 +18,11 @@ from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ...core.thresholds import FAR_MORE, SMALL
-from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block
 from ..unknowns.light_priors import middle_of
-from ..unknowns.unknown import Unknown, coordinates, values_at
+from ..unknowns.unknown import coordinates, values_at
 from .solvers import Task, minimise
 from .start_search import SHORT, End, follow, turned
 
@@ -36,46 +35,29 @@ Lights = Sequence[Sequence[int]]
 """For each light the unknowns that are its place (`visibility.places_apart`)."""
 
 
-def from_broad_highlights(
-    theta: Theta,
-    lights: Lights,
-    unknowns: Sequence[Unknown],
-    scene: Scene,
-    task: Task,
-    chunks: Sequence[Block],
-    squares: float,
-) -> End:
+def from_broad_highlights(theta: Theta, lights: Lights, task: Task, chunks: Sequence[Block]) -> End:
     """Return where steps end from theta, or from where the lights move under broad highlights, if that is lower.
 
     Args:
         theta: Where a search ended whose lights began at the scene's places.
         lights: The places.
-        unknowns: All that is to be found.
-        scene: The scene.
         task: What is to be minimised.
         chunks: The pixels, without clipped ones.
-        squares: Their sum of squares.
     """
-    end = follow(theta, task, chunks, squares)
+    end, unknowns = follow(theta, task, chunks), task.unknowns
     begin = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
     exponents = np.array([unknown.parameter.role == "exponent" for unknown in unknowns])
     sharpest = values_at(end[1], unknowns)[exponents].max(initial=0.0)
-    if max(_error(of, begin, unknowns, scene) for of in lights) * np.sqrt(sharpest) <= NARROW:  # of width n_s^-1/2
+    if max(_error(of, begin, task) for of in lights) * np.sqrt(sharpest) <= NARROW:  # of width n_s^-1/2
         return end
     held = tuple(np.where(exponents, begin, limit) for limit in (task.box.lower, task.box.upper))
     broad = task.within(eqx.tree_at(lambda box: (box.lower, box.upper), task.box, held))
-    moved = minimise(begin, broad, chunks, squares=squares, max_steps=SHORT, rtol=1e-4).theta
-    return min(end, follow(moved, task, chunks, squares), key=lambda of: of[0])
+    moved = minimise(begin, broad, chunks, max_steps=SHORT, rtol=1e-4).theta
+    return min(end, follow(moved, task, chunks), key=lambda of: of[0])
 
 
 def at_better_places(
-    end: Point,
-    samples: Float[np.ndarray, " views"],
-    lights: Lights,
-    unknowns: Sequence[Unknown],
-    scene: Scene,
-    task: Task,
-    chunks: Sequence[Block],
+    end: Point, samples: Float[np.ndarray, " views"], lights: Lights, task: Task, chunks: Sequence[Block]
 ) -> Theta | None:
     """Return the unknowns with each costly light where its views cost least; None where none is better elsewhere.
 
@@ -83,8 +65,6 @@ def at_better_places(
         end: Where a fit ended.
         samples: The samples of each view.
         lights: The places.
-        unknowns: All that was found.
-        scene: The scene.
         task: What was minimised.
         chunks: The pixels.
     """
@@ -97,7 +77,7 @@ def at_better_places(
         return None
     tried = np.tile(theta, (1 + 6 * len(RINGS), 1))
     for i in costly:
-        origin, axis = _about(lights[i], theta, unknowns, scene)
+        origin, axis = _about(lights[i], theta, task)
         tried[:, lights[i]] = origin + np.linalg.norm(axis) * turned(axis, RINGS)
     theirs = np.flatnonzero(np.any(shows[costly], 0))
     some = [chunk for chunk in chunks if np.isin(np.asarray(chunk.view), theirs).any()]
@@ -109,17 +89,15 @@ def at_better_places(
     return found if better else None
 
 
-def _error(of: Sequence[int], theta: Theta, unknowns: Sequence[Unknown], scene: Scene) -> float:
+def _error(of: Sequence[int], theta: Theta, task: Task) -> float:
     """Return the stated error of a light's direction, radians."""
-    far = float(np.linalg.norm(_about(of, theta, unknowns, scene)[1]))
-    return max(ANYWHERE if prior is None else prior[1] / far for prior in (unknowns[j].prior for j in of))
+    far = float(np.linalg.norm(_about(of, theta, task)[1]))
+    return max(ANYWHERE if prior is None else prior[1] / far for prior in (task.unknowns[j].prior for j in of))
 
 
-def _about(
-    of: Sequence[int], theta: Theta, unknowns: Sequence[Unknown], scene: Scene
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+def _about(of: Sequence[int], theta: Theta, task: Task) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Return the point that a light turns about, and the vector from there to its place."""
-    origin = middle_of(scene) if unknowns[of[0]].parameter.role == "position" else np.zeros(3)
+    origin = middle_of(task.scene) if task.unknowns[of[0]].parameter.role == "position" else np.zeros(3)
     return origin, theta[list(of)] - origin
 
 

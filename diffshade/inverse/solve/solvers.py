@@ -17,12 +17,14 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import fields
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...core.thresholds import MAX_STEPS, TINY
+from ...model.scenes import Scene
 from ...parallel.threads import on_all_cores
 from ..forward.gram import ByView, Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
+from ..unknowns.unknown import Unknown
 from ..unknowns.visibility import Arrow
-from .descent import BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step, stalls
+from .descent import GramLevenbergMarquardt, State, box_step, stalls
 from .elimination import Arrowhead, Dense, nothing
 from .padding import is_padded, padded_arrow, padded_count, padded_model, to_few_sizes
 
@@ -88,18 +90,29 @@ class BoxConstraints(eqx.Module):
 class Task:
     """What is to be minimised: the model that predicts, what is known beside the views, and the range of the unknowns.
 
-    Programs have it padded, so that one serves many numbers of views, and taken apart, once for the few calls of each
-    step.
+    `squares`, the sum of the images', sets the rounding of a cost. Programs have it padded, so that one serves many
+    numbers of views, and taken apart, once for the few calls of each step.
     """
 
-    def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: BoxConstraints):
-        self.model, self.priors, self.box = model, priors, box
-        p = len(box.lower)
+    def __init__(
+        self,
+        model: AbstractForwardModel,
+        priors: PriorResiduals,
+        box: BoxConstraints,
+        squares: float,
+        unknowns: Sequence[Unknown],
+        scene: Scene,
+    ):
+        self.priors, self.box, self.squares, self.unknowns, self.scene = priors, box, squares, unknowns, scene
+        self._predict_by(model)
+
+    def _predict_by(self, model: AbstractForwardModel) -> None:
+        self.model, p = model, len(self.box.lower)
         self.whole = padded_count(model.setting.shown, p)
         """The number of unknowns with the padded ones."""
         self.is_padded = is_padded(model, p, self.whole)
         self.padded_model = padded_model(model, p, self.whole) if self.is_padded else model
-        self.padded_priors = priors.padded(self.whole)
+        self.padded_priors = self.priors.padded(self.whole)
         self.model_leaves, self.model_structure = jax.tree.flatten(self.padded_model)
         self._take_apart()
 
@@ -112,6 +125,12 @@ class Task:
         task = copy.copy(self)
         task.box = box
         task._take_apart()
+        return task
+
+    def using(self, model: AbstractForwardModel) -> Task:
+        """Return the task with another model of the same unknowns."""
+        task = copy.copy(self)
+        task._predict_by(model)
         return task
 
     def with_padding(self, theta: Any) -> np.ndarray:
@@ -234,19 +253,15 @@ def _cost(y: Array, point: Point) -> tuple[Any, Point]:
 
 @jit_quickly
 def _begin(theta: Array, solver: GramLevenbergMarquardt, point: Point) -> State:
-    f_struct, aux_struct = jax.eval_shape(_cost, theta, point)
-    state = solver.init(_cost, theta, point, {}, f_struct, aux_struct, frozenset())
+    state = solver.init(_cost, theta, point, {}, None, point, frozenset())
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)  # of no weak type, as all later ones
 
 
 @jit_quickly
-def _advance(
-    theta: Array, state: State, solver: GramLevenbergMarquardt, point: Point
-) -> tuple[Array, State, Array, Array]:
-    theta, state, _ = solver.step(_cost, theta, point, {}, state, frozenset())
-    done, result = solver.terminate(_cost, theta, point, {}, state, frozenset())
-    failed = result != optx.RESULTS.successful
-    return theta, state, done | failed, failed
+def _advance(state: State, solver: GramLevenbergMarquardt, point: Point) -> tuple[State, Array, Array]:
+    _, state, _ = solver.step(_cost, None, point, {}, state, frozenset())
+    failed = state.result != optx.RESULTS.successful
+    return state, state.done | failed, failed
 
 
 def _solver(
@@ -255,8 +270,10 @@ def _solver(
     rounding = 4.0 * float(jnp.finfo(jnp.result_type(float)).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
-        descent=BoxNewton(box.lower, box.upper, linear),
-        search=GainRatio(rounding, damping),
+        lower=box.lower,
+        upper=box.upper,
+        projected=linear,
+        damping=damping,
         rtol=rtol,
         atol=1e-25 * squares,
         rounding=rounding,
@@ -291,14 +308,13 @@ def minimise(
     task: Task,
     chunks: Sequence[Block],
     *,
-    squares: float,
     max_steps: int,
     rtol: float = 1e-16,
     stalled: float = 0.0,
     damping: float = FAR,
     report_progress: Callable[[int, float], None] = lambda step, cost: None,
 ) -> Minimum:
-    """Minimise the cost of the chunks from theta within bounds; `squares`, the sum of the images', sets the rounding.
+    """Minimise the cost of the chunks from theta within bounds.
 
     `damping` is that of the first step. From near the minimum the steps of Newton lead there in three passes; to come
     down from `FAR`, a third at a time, takes as many passes as the unknowns are hard to tell apart.
@@ -308,14 +324,14 @@ def minimise(
     This is `optimistix.minimise` step by step: a compiled program asks the solver for each step, and the passes between
     the steps run on all cores, which no traced loop can.
     """
-    solver = _solver(task.padded_box, squares, projects=task.model.projects, rtol=rtol, damping=damping)
+    solver = _solver(task.padded_box, task.squares, projects=task.model.projects, rtol=rtol, damping=damping)
     theta = task.with_padding(theta)
     point = _evaluated(theta, task, chunks)
     state, done, failed = _begin(theta, solver, point), False, False
     costs = [float(point.total.cost)]
     for step in range(1, max_steps + 1):
-        theta, state, done, failed = _advance(theta, state, solver, point)
-        costs.append(min(costs[-1], float(state.cost)))
+        state, done, failed = _advance(state, solver, point)
+        costs.append(min(costs[-1], float(state.point.total.cost)))
         report_progress(step, costs[-1])
         done = done or stalls(costs, stalled)
         if done or step == max_steps:

@@ -172,8 +172,7 @@ _MOVES: dict[str, Moves] = {
 def best_linear(point: Point, box: BoxConstraints) -> tuple[Array, Array]:
     """Return the point at the best linear unknowns, and the cost there, which is quadratic in them."""
     step = linear_step(point, box)
-    cost = point.total.cost + point.total.gradient @ step + 0.5 * step @ point.total.hessian.times(step)
-    return point.theta + step, cost
+    return point.theta + step, point.total.cost - point.gain(step)
 
 
 _best_linear = jit_quickly(best_linear)
@@ -189,30 +188,24 @@ def at_best_linear(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[P
     return point, float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
 
 
-def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
-    """Return the cost at the best linear unknowns, and the unknowns there."""
-    return at_best_linear(theta, task, chunks)[1:]
-
-
 def steepest(unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"] | None:
     """Return the slopes above which `RenderedModel` leaves samples out: none as yet, and None where it never will."""
     return np.full(len(unknowns), np.inf) if any(unknown.parameter.reach for unknown in unknowns) else None
 
 
-def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequence[Block], rms: float) -> Theta:
+def approach(theta: Theta, task: Task, chunks: Sequence[Block], rms: float) -> Theta:
     """Return where Gauss-Newton steps lead that look only at what a step can tell, from coarse to fine.
 
     Near the rim of a glass ball a pixel runs through all that is behind while eta changes by a thousandth, and in the
     sum of squares a few such pixels hide what all others say. So a sample is left out of a step within whose reach it
     would change by more than `STEEP`, and the reach shrinks. The unknowns that the search has other groups for stay.
     """
-    bends = np.array([unknown.parameter.reach > 0 for unknown in unknowns])
-    searched = np.array([_moves_of(unknown) is not None for unknown in unknowns])
-    reach = np.array([unknown.parameter.reach for unknown in unknowns])
+    reach = np.array([unknown.parameter.reach for unknown in task.unknowns])
+    bends, searched = reach > 0, np.array([_moves_of(unknown) is not None for unknown in task.unknowns])
     for _ in range(APPROACH):
         limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
         model = eqx.tree_at(lambda m: m.steepest, task.model, limit)
-        point = evaluate(theta, Task(model, task.priors, task.box), chunks)
+        point = evaluate(theta, task.using(model), chunks)
         most = np.where(bends, reach, np.where(searched, 0.0, np.inf))
         theta = np.asarray(_gauss_newton(point, task.box, most))
         reach = reach * SHRINK
@@ -241,33 +234,25 @@ def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
     return scene
 
 
-def search(
-    unknowns: Sequence[Unknown],
-    scene: Scene,
-    task: Task,
-    coarse: Sequence[Block],
-    chunks: Sequence[Block],
-    squares: float,
-    report_progress: ReportProgress,
-) -> End:
+def search(task: Task, coarse: Sequence[Block], chunks: Sequence[Block], report_progress: ReportProgress) -> End:
     """Find the best start: candidates are judged on a few pixels, the lowest followed most of the way on a part of all.
 
     What the scene says of lights and surfaces is always followed too, with the best material for it and with a plain
     one: where several of these are unknown, judging them one after another can lead astray, and so can a highlight that
     vanishes at the best k_s because it is out of place.
     """
-    begin = coordinates(np.array([u.start for u in unknowns]), unknowns)
-    groups, local = groups_to_try(unknowns, scene, task.box.arrow), is_local(unknowns)
+    begin = coordinates(np.array([u.start for u in task.unknowns]), task.unknowns)
+    groups, local = groups_to_try(task.unknowns, task.scene, task.box.arrow), is_local(task.unknowns)
     # candidates of a model that projects are judged alike whatever the linear unknowns were: no need to know the best
     told = local or not groups or not task.model.projects
-    first = judge(begin, task, coarse) if told else (np.inf, begin)
+    first = at_best_linear(begin, task, coarse)[1:] if told else (np.inf, begin)
 
     def tried(group: Group, theta: Theta) -> list[tuple[float, Theta]]:
         within = list(np.clip(group.at(theta), task.box.lower, task.box.upper))
         if group.unknown.parameter.reach:
-            rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
-            within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
-        judged = [judge(candidate, task, coarse) for candidate in within]
+            rms = float(np.sqrt(task.squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
+            within = [approach(candidate, task, coarse, rms) for candidate in within]
+        judged = [at_best_linear(candidate, task, coarse)[1:] for candidate in within]
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
     def with_role(role: str) -> list[Group]:
@@ -293,19 +278,19 @@ def search(
     ends = []
     for k, start in enumerate(starts):
         report_progress("searching for a start", 0.5 + 0.5 * k / len(starts))
-        ends.append(follow(*start, chunks, squares))
+        ends.append(follow(*start, chunks))
     best = min(ends, key=_cost)
     for exchanged in _with_exponents_exchanged(best[1], groups):
         # a highlight that is wide across its direction looks much like one that is wide along it, turned by 90 degrees
         for group in with_role("direction"):
             exchanged = min(tried(group, exchanged), key=_cost, default=(np.inf, exchanged))[1]
-        best = min(best, follow(exchanged, task, chunks, squares), key=_cost)
+        best = min(best, follow(exchanged, task, chunks), key=_cost)
     return best
 
 
-def follow(theta: Theta, task: Task, chunks: Sequence[Block], squares: float) -> End:
+def follow(theta: Theta, task: Task, chunks: Sequence[Block]) -> End:
     """Return where a few steps from a point end."""
-    end = minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
+    end = minimise(theta, task, chunks, max_steps=SHORT, rtol=1e-6)
     return float(end.point.total.cost), np.asarray(end.point.theta), not end.message
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.thresholds import NEGLIGIBLE, TINY, VAGUE
 from ...core.words import Note, listing
-from ..unknowns.unknown import Unknown, free_places, logarithms
+from ..unknowns.unknown import Unknown, by_quantity, free_places, logarithms
 from .gauges import of_attenuation, quantities, sentence
 from .uncertainty import SINGULAR, Matrix, Vector, regular_inverse, scaled
 
@@ -75,10 +75,7 @@ def relative_errors(unknowns: Sequence[Unknown], values: Vector, errors: Vector,
 
     For a coordinate this is the object's size in `scales` if that is larger than the vector's length.
     """
-    size = np.abs(values)
-    together: dict[str, list[int]] = {}
-    for j, unknown in enumerate(unknowns):
-        together.setdefault(unknown.quantity, []).append(j)
+    size, together = np.abs(values), by_quantity(unknowns)
     for j, unknown in enumerate(unknowns):
         if unknown.logarithmic:
             continue

@@ -65,8 +65,8 @@ def find_unknowns(
         with_dark_lights: Whether unknowns of lights that are on in no view count; else they are left out.
 
     Raises:
-        ValueError: For a name that matches nothing, a contradictory bound, constraint or prior, or a cutoff whose edge
-            is hard.
+        ValueError: For no name, or one that matches nothing, a contradictory bound, constraint or prior, or a cutoff
+            whose edge is hard.
     """
     known: Known = {place: (value, spec) for place, value, spec in everything(scene, views)}
     _check_object_names(scene, known)
@@ -99,6 +99,10 @@ def find_unknowns(
         start = value_in(scene, views, number, products)
         start = start if from_scene and not np.isnan(start) else _start(number, start, known)
         unknowns.append(_unknown(number, products, start, known, bounds, priors, errors))
+    if not unknowns:
+        raise ValueError(
+            "free must name at least one parameter; got none. Give for example free=('k_d', 'k_s', 'n_s')."
+        )
     check_directions(unknowns)
     return unknowns
 

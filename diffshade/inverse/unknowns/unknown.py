@@ -104,10 +104,14 @@ def logarithms(unknowns: Sequence[Unknown]) -> Bool[np.ndarray, " p"]:
     return np.array([unknown.logarithmic for unknown in unknowns], bool)
 
 
+def by_quantity(unknowns: Sequence[Named]) -> dict[str, list[int]]:
+    """Return the names without channels, each with the indices of its unknowns, in the order of the channels."""
+    found: dict[str, list[int]] = {}
+    for j, unknown in enumerate(unknowns):
+        found.setdefault(unknown.quantity, []).append(j)
+    return found
+
+
 def unit_vectors(unknowns: Sequence[Unknown]) -> list[list[int]]:
     """Return the indices of the unknowns that are a unit vector together: a direction's x, y and z."""
-    by_quantity: dict[str, list[int]] = {}
-    for j, unknown in enumerate(unknowns):
-        if unknown.parameter.role == "direction":
-            by_quantity.setdefault(unknown.quantity, []).append(j)
-    return list(by_quantity.values())
+    return [of for of in by_quantity(unknowns).values() if unknowns[of[0]].parameter.role == "direction"]

@@ -14,7 +14,7 @@ from ...core.words import Note, listing
 from ..result import Fit
 from ..statistics.identifiability import null_directions
 from ..statistics.uncertainty import Matrix, Vector, inverse
-from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
+from ..unknowns.unknown import by_quantity, coordinate_slopes, coordinates, logarithms
 
 
 def pulls(
@@ -60,17 +60,10 @@ def check_priors(fit: Fit, _: ReportProgress = silent) -> Fit:
     zero, directions = null_directions(total - np.diag(weight))
     moved[free[zero | directions.any(0)]] = np.inf  # without these priors nothing is known of it
     corrupted = fit.determined & (np.abs(moved) > GAUSS_95 * fit.errors)
-    notes = [_said(fit, free[here], without[here], pull[here], corrupted) for here in _by_quantity(fit, free, against)]
+    of_quantities = by_quantity([fit.unknowns[j] for j in free]).values()
+    contradicted = [here for of in of_quantities if (here := [k for k in of if against[k]])]
+    notes = [_said(fit, free[here], without[here], pull[here], corrupted) for here in contradicted]
     return replace(fit, determined=fit.determined & ~corrupted, notes=(*notes, *fit.notes))
-
-
-def _by_quantity(fit: Fit, free: np.ndarray, against: Bool[np.ndarray, " q"]) -> list[np.ndarray]:
-    """Return the contradicted unknowns of each quantity, as indices into the free ones."""
-    quantities = [fit.unknowns[j].quantity for j in free]
-    return [
-        np.array([k for k in np.flatnonzero(against) if quantities[k] == quantity])
-        for quantity in dict.fromkeys(quantities[k] for k in np.flatnonzero(against))
-    ]
 
 
 def _said(fit: Fit, which: np.ndarray, without: Vector, pull: Vector, corrupted: Bool[np.ndarray, " p"]) -> Note:

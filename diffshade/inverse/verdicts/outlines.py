@@ -70,7 +70,8 @@ def wrong_outline(fit: Fit) -> WrongOutline | None:
             groups.setdefault(camera_key(view.camera), (samples.inside, []))[1].append(view)
     found = []
     for inside, group in groups.values():
-        if _unlike_noise(fit, group, inside):
+        noise = 1.0 if fit.views[0].noise is not None else noise_of(group, inside)
+        if fit.rmse > CLEARLY * noise:
             found.append(compare(inside, np.max([_brightness(view) for view in group], 0)))
     mapped = any(isinstance(item.surface, GBuffer) for item in fit.scene.objects)  # whose outline is a given mask
     usable = [f for f in found if f is not None and (f.large or not mapped)]
@@ -80,12 +81,6 @@ def wrong_outline(fit: Fit) -> WrongOutline | None:
 def _brightness(view: View) -> Float[np.ndarray, "h w"]:
     linear = developed(view)
     return (np.asarray(colours(linear), np.float64).mean(-1) - float(view.black)) / float(view.exposure)
-
-
-def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
-    """Whether the residuals exceed the noise, which is known or estimated."""
-    noise = 1.0 if fit.views[0].noise is not None else noise_of(views, inside)
-    return fit.rmse > CLEARLY * noise
 
 
 def noise_of(views: Sequence[View], inside: Mask) -> float:

@@ -36,10 +36,8 @@ def read_ies(text: str, name: str) -> LampData:
     elif named.upper() not in ("NONE", ""):
         notes.append(f"TILT names the file {short(named)}, which is not opened; give tilt= if the lamp is tilted.")
     _word(words, HEADER - 1, name)
-    n_v, n_h = (
-        count(words[3], f"{name}: the number of vertical angles"),
-        count(words[4], f"{name}: of horizontal angles"),
-    )
+    n_v = count(words[3], f"{name}: the number of vertical angles")
+    n_h = count(words[4], f"{name}: of horizontal angles")
     kind = KINDS.get(count(words[5], f"{name}: the photometric type"), "")
     if not kind:
         raise ValueError(f"{name} must be of photometric type 1 (C), 2 (B) or 3 (A); got {words[5]}. Correct the file.")

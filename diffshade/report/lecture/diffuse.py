@@ -45,7 +45,7 @@ def diffuse_over_theta() -> Figure:
         light = DirectionalLight((-l.x, 0, -l.y))  # seen from above: the page's up is towards the eye
         tile = picture(Scene(Object(Plane(normal=(0, 0, 1)), Material(k_d=1)), light), camera)
         at = left + width * (degrees + 7.5) / 105 - 0.5 * 84 / DPI
-        _draw_incidence(place(figure, at - 0.15, 0.42, 1.0, 0.8), float(degrees))
+        _draw_incidence(sheet(figure, (at - 0.15, 0.42), (1.0, 0.8), (-1.0, 1.0), (-0.1, 1.5)), float(degrees))
         show(figure, at, 1.25, tile).add_patch(Rectangle((-0.5, -0.5), 83, 83, fill=False, color=GREY, linewidth=1))
     axes = place(figure, left, 2.1, width, 2.5)
     theta = np.linspace(0.0, 90.0, 181)
@@ -78,7 +78,6 @@ def _draw_incidence(axes: Axes, degrees: float) -> None:
     """Draw a beam of evenly spaced rays; the more they graze the face, the fewer hit it."""
     l = toward(degrees)
     x, y = float(l.x), float(l.y)
-    sheet(axes, (-1.0, 1.0), (-0.1, 1.5))
     axes.plot([-FACE, FACE], [0, 0], color="black", linewidth=2.5)
     axes.plot([0, 0], [0, 1.4], color=GREY, linewidth=0.8, linestyle=":")
     for u in (np.arange(RAYS) - 0.5 * (RAYS - 1)) * 2.0 * FACE / RAYS:

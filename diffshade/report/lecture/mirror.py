@@ -17,7 +17,7 @@ from ...model.rendering import intersect, render
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Sphere
 from ...model.vectors import Vec3, cross, dot, normalize, reflect
-from .pages import COLOURS, GREY, SCALED, grid, page, place
+from .pages import COLOURS, GREY, SCALED, grid, page
 from .pictures import Picture, displayed, evaluate, finer, toward
 from .sketches import LETTER, arc, arrow, sheet, vector
 
@@ -38,9 +38,7 @@ def mirror_direction() -> Figure:
     x = float(l.x)
     titles = (r"$s = (n \cdot l)\,n - l$ leads from $l$ to the normal", r"$r = (n \cdot l)\,n + s$: as far again")
     for i, title in enumerate(titles):
-        axes = place(figure, 0.2 + 4.7 * i, 0.75, 4.5, 3.1)
-        sheet(axes, (-1.1, 1.1), (-0.16, 1.36))
-        axes.set_title(title, fontsize=10, pad=4)
+        axes = sheet(figure, (0.2 + 4.7 * i, 0.75), (4.5, 3.1), (-1.1, 1.1), (-0.16, 1.36), title)
         axes.fill_between([-1.1, 1.1], -0.08, 0, color="0.8", linewidth=0)
         axes.plot([0, 0], [0, foot], color=COLOURS[2], linewidth=4, zorder=1.5)
         axes.plot([-0.06, -0.06, 0], [foot, foot - 0.06, foot - 0.06], color=GREY, linewidth=0.9)

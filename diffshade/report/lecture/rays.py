@@ -12,7 +12,7 @@ from ...model.cameras import Rays
 from ...model.lights import AbstractEmitter, DirectionalLight, PointLight
 from ...model.surfaces import Plane, Sphere
 from ...model.vectors import Vec3
-from .pages import page, place
+from .pages import page
 from .pictures import evaluate, toward
 from .sketches import LETTER, arrow, sheet
 
@@ -44,9 +44,7 @@ def rays_of_light() -> Figure:
 
 def _panel(figure: Figure, left: float, title: str) -> Axes:
     """Return a section through the floor and the ball."""
-    axes = place(figure, left, 0.75, 4.8, 3.25)
-    sheet(axes, (-WIDTH, WIDTH), (-1.2, 1.78))
-    axes.set_title(title, fontsize=10, pad=4)
+    axes = sheet(figure, (left, 0.75), (4.8, 3.25), (-WIDTH, WIDTH), (-1.2, 1.78), title)
     angle = np.linspace(0, 2 * np.pi, 200)
     x, y, _ = BALL.center
     axes.fill_between([-WIDTH, WIDTH], -1.2, float(FLOOR.point[1]), color="0.8", linewidth=0)

@@ -8,24 +8,27 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from ...model.vectors import Vec3
-from .pages import GREY
+from .pages import GREY, place
 from .pictures import toward
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 RED = "#d1383d"
 Point: TypeAlias = tuple[Any, Any]
+Ends: TypeAlias = tuple[float, float]
 LETTER: dict[str, Any] = {"fontsize": 15, "ha": "center", "va": "center"}
 
 
-def sheet(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
-    """Give axes equal scales and no frame."""
-    axes.set_xlim(*x)
-    axes.set_ylim(*y)
-    axes.set_aspect("equal")
+def sheet(figure: Figure, at: Ends, size: Ends, x: Ends, y: Ends, title: str = "", fontsize: float = 10) -> Axes:
+    """Return axes of equal scales, without a frame: left and top, width and height on the page, and their ends."""
+    axes = place(figure, *at, *size)
+    axes.set(xlim=x, ylim=y, aspect="equal")
     axes.set_axis_off()
+    axes.set_title(title, fontsize=fontsize, pad=4)
+    return axes
 
 
 def arrow(axes: Axes, tail: Point, tip: Point, colour: str = "black") -> None:

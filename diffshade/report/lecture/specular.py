@@ -107,8 +107,7 @@ def phong_and_blinn() -> Figure:
     l, n, v = toward(-50), toward(0), toward(18)
     r, h = evaluate(reflect, l, n), evaluate(halfway, l, v)
     phi, alpha = _angle(v, r), _angle(n, h)
-    axes = place(figure, 0.1, 0.5, 4.1, 2.9)
-    sheet(axes, (-1.2, 1.2), (-0.32, 1.36))
+    axes = sheet(figure, (0.1, 0.5), (4.1, 2.9), (-1.2, 1.2), (-0.32, 1.36))
     axes.fill_between([-1.1, 1.1], -0.08, 0, color="0.8", linewidth=0)
     for direction, name, colour in (
         (l, "l", "#b07a00"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ...model.scenes import Object, Scene
 from ...model.surfaces import Box, Plane, Sphere
 from ...model.transmission import bend
 from ...model.vectors import Vec3, reflect, refract
-from .pages import GREY, grid, page, place
+from .pages import GREY, grid, page
 from .pictures import Picture, evaluate, picture, toward
 from .sketches import RED, arc, arrow, ray, sheet, vector
 
@@ -38,10 +38,7 @@ def snell() -> Figure:
             (_draw_leaving, "out of glass: total reflection beyond 38.4°"),
         )
     ):
-        axes = place(figure, 0.2 + 3.45 * i, 0.8, 3.3, 2.95)
-        sheet(axes, (-1.2, 1.2), (-1.07, 1.07))
-        axes.set_title(title, fontsize=10, pad=4)
-        draw(axes)
+        draw(sheet(figure, (0.2 + 3.45 * i, 0.8), (3.3, 2.95), (-1.2, 1.2), (-1.07, 1.07), title))
     return figure
 
 
@@ -54,9 +51,7 @@ def transmission_vector() -> Figure:
     bent = 180 - float(np.rad2deg(np.arctan2(T.x, -T.y)))
     words = r"$T = (\frac{\eta_i}{\eta_r}\cos\theta_i - \cos\theta_r)\,n - \frac{\eta_i}{\eta_r}\,l$"
     for i, title in enumerate(("$l$, $n$, $r$ and $T$ lie in one plane", words)):
-        axes = place(figure, 0.2 + 4.7 * i, 0.85, 4.5, 3.6)
-        sheet(axes, (-1.5, 1.5), (-1.15, 1.25))
-        axes.set_title(title, fontsize=11, pad=4)
+        axes = sheet(figure, (0.2 + 4.7 * i, 0.85), (4.5, 3.6), (-1.5, 1.5), (-1.15, 1.25), title, 11)
         axes.fill_between([-1.5, 1.5], -1.15, 0, color=GLASS)
         axes.text(1.45, 0.08, r"$\eta_i$ (air)", ha="right", fontsize=11)
         axes.text(1.45, -0.08, r"$\eta_r$ (glass)", ha="right", va="top", fontsize=11)
@@ -131,31 +126,28 @@ def _before_chequer(k_t: Numbers, eta: float, k_d: Numbers = (0.55, 0.25, 0.15))
 
 
 def _balls(k_t: float, depths: tuple[int, int, int]) -> Picture:
-    """Return a red, a green and a blue ball at depths, a larger number nearer, before white."""
-    angles, colours = np.deg2rad([90, 210, 330]), ((0.9, 0.06, 0.04), (0.08, 0.6, 0.1), (0.05, 0.12, 0.9))
-    balls = [
-        Object(
-            Sphere((0.5 * np.cos(a), 0.5 * np.sin(a), 2.0 * z), 0.75),
-            Material(0.4 * np.array(k), 0.6 * np.array(k), 0.4, 40, k_t=k_t),
-        )
-        for a, k, z in zip(angles, colours, depths, strict=True)
-    ]
-    camera = OrthographicCamera((0, 0.1, 8), target=(0, 0.1, 0), height=2.7, shape=(220, 220))
-    return picture(Scene(balls, DirectionalLight((-0.4, -0.5, -1)), background=0.9), camera)
+    """Return a red, a green and a blue ball at depths, before white."""
+    colours = np.array([(0.9, 0.06, 0.04), (0.08, 0.6, 0.1), (0.05, 0.12, 0.9)])
+    materials = [Material(0.4 * k, 0.6 * k, 0.4, 40, k_t=k_t) for k in colours]
+    return _three(materials, 0.75, 0.5, depths, lights=DirectionalLight((-0.4, -0.5, -1)), background=0.9)
 
 
 def _filters() -> Picture:
     """Return three panes of glass before white, each of which keeps back one of red, green and blue."""
-    angles = np.deg2rad([90, 210, 330])
-    panes = [
-        Object(
-            Sphere((0.42 * np.cos(a), 0.42 * np.sin(a), 2.0 * i), 0.72),
-            Material(k_a=0, k_t=np.where(np.arange(3) == i, 0.08, 0.95)),
-        )
-        for i, a in enumerate(angles)
+    materials = [Material(k_a=0, k_t=np.where(np.arange(3) == i, 0.08, 0.95)) for i in range(3)]
+    return _three(materials, 0.72, 0.42, (0, 1, 2), background=0.95)
+
+
+def _three(
+    materials: list[Material], radius: float, apart: float, depths: tuple[int, int, int], **scene: Any
+) -> Picture:
+    """Return three balls around the axis of a camera, at depths, a larger number nearer."""
+    balls = [
+        Object(Sphere((apart * np.cos(a), apart * np.sin(a), 2.0 * z), radius), material)
+        for a, z, material in zip(np.deg2rad([90, 210, 330]), depths, materials, strict=True)
     ]
     camera = OrthographicCamera((0, 0.1, 8), target=(0, 0.1, 0), height=2.7, shape=(220, 220))
-    return picture(Scene(panes, background=0.95), camera)
+    return picture(Scene(balls, **scene), camera)
 
 
 def _draw_entering(axes: Axes) -> None:

@@ -17,7 +17,7 @@ from ...model.rendering import render
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Plane
 from .lamps import LAMP, WARM, light_in_the_air, light_on_a_floor
-from .pages import COLOURS, SCALED, grid, page, place, show
+from .pages import COLOURS, SCALED, grid, page, show
 from .pictures import Picture, displayed, evaluate, finer, toward
 from .sketches import arrow, sheet
 
@@ -31,9 +31,8 @@ LOBE = 0.35  # how long a lobe is drawn, scene units
 def warn_grid() -> Figure:
     """Draw the emitters of an area light, and what grids of 1, 2 x 2, 4 x 4 and 16 x 16 of them light."""
     figure = page("An extended light, Warn's model: a grid of spots that share its intensity", 10.9, 2.95, note=SCALED)
-    axes = place(figure, 0.1, 0.75, 3.2, 1.75)
-    axes.set_title(r"$4 \times 4$ spots, each with $\cos^{a_l}\phi$", fontsize=10, pad=4)
-    _draw_grid(axes, _over_floor(4))
+    words = r"$4 \times 4$ spots, each with $\cos^{a_l}\phi$"
+    _draw_grid(sheet(figure, (0.1, 0.75), (3.2, 1.75), (-1.25, 1.35), (-1.3, 0.1), words), _over_floor(4))
     for i, count in enumerate((1, 2, 4, 16)):
         label = "1 spot" if count == 1 else rf"${count} \times {count}$ spots"
         show(figure, 3.45 + 1.85 * i, 0.75, _floor_under(_over_floor(count)), label)
@@ -74,7 +73,6 @@ def _floor_under(light: AreaLight) -> Picture:
 
 def _draw_grid(axes: Axes, light: AreaLight) -> None:
     """Draw the cells of an area light seen from above at a slant, and of each emitter its axis and its lobe."""
-    sheet(axes, (-1.25, 1.35), (-1.3, 0.1))
     corner, u, v = (np.asarray(vector) for vector in (light.corner, light.edge_u, light.edge_v))
     n_u, n_v = light.samples
     for i in range(n_u + 1):

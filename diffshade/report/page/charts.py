@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -15,6 +15,7 @@ from ...inverse.result import Fit
 from .residuals import Curve, Residuals
 
 Ticks: TypeAlias = tuple[tuple[float, str], ...]
+Bar: TypeAlias = tuple[float, float, float, float, str]
 Vector: TypeAlias = Shaped[np.ndarray, " n"]
 WIDTH, HEIGHT = 340, 210
 LEFT, RIGHT, TOP, BOTTOM = 66, 12, 12, 40
@@ -37,7 +38,7 @@ class Chart:
     """A second line for comparison."""
     dots: tuple[tuple[float, float, str], ...] = ()
     """Position and tooltip."""
-    bars: tuple[tuple[float, float, float, float, str], ...] = ()
+    bars: tuple[Bar, ...] = ()
     zero: float | None = None
     """Height of the line at 0."""
     verticals: tuple[tuple[float, str], ...] = ()
@@ -82,6 +83,15 @@ class Frame:
         numbers = _round_numbers(self.y, 4, whole=self.log)
         return tuple((self.up(v), f"1e{v:g}" if self.log else _short(v)) for v in numbers)
 
+    def bar(self, left: float, right: float, y: float | np.number, words: str, *, gap: float = 0.0) -> Bar:
+        """Return a bar from 0 to y, with a gap of so many pixels to the next."""
+        x, top = self.across(left), self.up(y)
+        return x, top, round(max(self.across(right) - x - gap, 0.2), 2), round(self.up(0.0) - top, 2), words
+
+    def chart(self, title: str, x_label: str, y_label: str, *, whole: bool = False, **drawn: Any) -> Chart:
+        """Return a chart with round numbers on both axes, on x `whole` ones only."""
+        return Chart(title, x_label, y_label, self.x_ticks(whole=whole), self.y_ticks(), **drawn)
+
 
 def _round_numbers(ends: tuple[float, float], most: int, *, whole: bool = False) -> list[float]:
     """Return the multiples of 1, 2, 2.5 or 5 times a power of ten on an axis, with `most` steps between its ends."""
@@ -113,12 +123,10 @@ def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
     )
     rows = zip(curve.angle, curve.mean, curve.count, strict=True)
     dots = [(frame.across(a), frame.up(m), f"{a:.0f}°: mean {_signed(m)} of {c:,} samples") for a, m, c in rows]
-    return Chart(
+    return frame.chart(
         title,
         x_label,
         "fit − photograph",
-        frame.x_ticks(),
-        frame.y_ticks(),
         words=words,
         band=frame.band(curve.angle, curve.low, curve.high),
         line=frame.path(curve.angle, curve.mean),
@@ -137,20 +145,15 @@ def histogram(residuals: Residuals) -> Chart:
     middle = 0.5 * (edges[1:] + edges[:-1])
     normal = np.exp(-0.5 * (middle / rms) ** 2) * (edges[1] - edges[0]) / (rms * np.sqrt(2.0 * np.pi))
     frame = Frame((float(edges[0]), float(edges[-1])), (0.0, 1.12 * float(max(share.max(), normal.max()))))
-    ground, bars = frame.up(0.0), []
-    for left, right, height_of in zip(edges[:-1], edges[1:], share, strict=True):
-        x, top = frame.across(left), frame.up(height_of)
-        width, height = max(frame.across(right) - x - 0.6, 0.2), ground - top
-        bars.append(
-            (x, top, round(width, 2), round(height, 2), f"{_signed(left)} to {_signed(right)}: {height_of:.2%}")
-        )
+    bars = [
+        frame.bar(left, right, of, f"{_signed(left)} to {_signed(right)}: {of:.2%}", gap=0.6)
+        for left, right, of in zip(edges[:-1], edges[1:], share, strict=True)
+    ]
     beyond = float(np.mean(np.abs(values) > 3.0 * rms))
-    return Chart(
+    return frame.chart(
         "Histogram",
         "fit − photograph",
         "share of samples",
-        frame.x_ticks(),
-        frame.y_ticks(),
         words=f"{beyond:.2%} of the samples exceed three times the RMSE; for normal noise (the line), 0.27% would.",
         bars=tuple(bars),
         curve=frame.path(middle, normal),
@@ -168,12 +171,11 @@ def convergence(fit: Fit) -> Chart | None:
         (0.0, float(max(passes[-1], 1))), (float(np.floor(y.min())), float(np.ceil(y.max() + 1e-9))), log=True
     )
     points = zip(passes, y, above[passes], strict=True)
-    return Chart(
+    return frame.chart(
         "Convergence",
         "pass over all pixels",
         "cost above the lowest, relative",
-        frame.x_ticks(whole=True),
-        frame.y_ticks(),
+        whole=True,
         words=f"The cost fell from {fit.costs[0]:.6g} to {fit.costs.min():.6g} in {fit.steps} passes over all pixels.",
         line=frame.path(passes, y),
         dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in points),
@@ -196,12 +198,10 @@ def profile(examination: Examination, j: int) -> Chart | None:
     inside = [
         (v, words) for ends, words in ((interval_68, "68 %"), (interval_95, "95 %")) for v in ends if t[0] <= v <= t[-1]
     ]
-    return Chart(
+    return frame.chart(
         f"Profile of {name}",
         name,
         "rise of the cost, errors²",
-        frame.x_ticks(),
-        frame.y_ticks(),
         words=words,
         line=frame.path(t, rise),
         dots=tuple(dots),
@@ -226,20 +226,11 @@ def errors_of_each(
     """Draw one error for each view, or for each band."""
     known = np.nan_to_num(errors)
     frame = Frame((-0.5, len(known) - 0.5), (0.0, 1.12 * float(max(known.max(), 1e-12))))
-    ground, bars = frame.up(0.0), []
-    for i, (of, name) in enumerate(zip(known, names, strict=True)):
-        x, top = frame.across(i - 0.4), frame.up(of)
-        bars.append((x, top, round(frame.across(i + 0.4) - x, 2), round(ground - top, 2), f"{name}: {label} {of:.3g}"))
+    each = enumerate(zip(known, names, strict=True))
+    bars = [frame.bar(i - 0.4, i + 0.4, of, f"{name}: {label} {of:.3g}") for i, (of, name) in each]
     worst = int(known.argmax())
-    return Chart(
-        title,
-        x_label,
-        label,
-        frame.x_ticks(whole=True),
-        frame.y_ticks(),
-        words=f"The largest is {known[worst]:.3g} ({names[worst]}); the median is {np.median(known):.3g}.",
-        bars=tuple(bars),
-    )
+    words = f"The largest is {known[worst]:.3g} ({names[worst]}); the median is {np.median(known):.3g}."
+    return frame.chart(title, x_label, label, whole=True, words=words, bars=tuple(bars))
 
 
 def _signed(value: float | np.number) -> str:

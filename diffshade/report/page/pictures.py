@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -23,27 +24,11 @@ STEPS = 32  # colours of a difference on each side of 0
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A view on the page; the images are data URIs."""
-
-    name: str
-    photograph: str
-    fit: str
-    difference: str
-    rmse: float
-    height: int
-    width: int
-    smaller: bool
-    """Whether the photograph is shown smaller than it is."""
-    inside: float | None
-    """The share of its samples inside their bands; None without bands."""
-
-
-@dataclass(frozen=True)
 class Gallery:
     """The views on the page, and the scale of their colours."""
 
-    pictures: tuple[Picture, ...]
+    pictures: Sequence[dict[str, Any]]
+    """What the page's template shows of each view; the images are data URIs."""
     white: float
     """The radiance that is shown as white."""
     limit: float
@@ -65,20 +50,20 @@ def build_gallery(predictions: Sequence[Prediction], names: Sequence[str], drawn
         difference = _steps(p, shape, limit)
         files = [encode(".jpg", of, quality=QUALITY) for of in (photograph, image)]
         pictures.append(
-            Picture(
-                name,
-                photograph=_uri("jpeg", files[0]),
-                fit=_uri("jpeg", files[1]),
-                difference=_uri("png", encode_indexed(difference, table)),
-                rmse=p.rmse if p.counts.any() else 0.0,
-                height=shape[0],
-                width=shape[1],
-                smaller=shape != p.target.shape[:2],
-                inside=p.coverage if np.isfinite(p.coverage) else None,
-            )
+            {
+                "name": name,
+                "photograph": _uri("jpeg", files[0]),
+                "fit": _uri("jpeg", files[1]),
+                "difference": _uri("png", encode_indexed(difference, table)),
+                "rmse": p.rmse if p.counts.any() else 0.0,
+                "height": shape[0],
+                "width": shape[1],
+                "smaller": shape != p.target.shape[:2],
+                "inside": p.coverage if np.isfinite(p.coverage) else None,  # of their bands
+            }
         )
     colours = tuple("#" + "".join(f"{int(c):02x}" for c in row[:3]) for row in table[:-1])
-    return Gallery(tuple(pictures), white, limit, colours)
+    return Gallery(pictures, white, limit, colours)
 
 
 def _differences(p: Prediction, drawn: DrawnBands) -> Float[np.ndarray, " n"]:

@@ -51,17 +51,9 @@ def _spectrum(fit: Fit, examination: Examination | None, quantity: str, members:
     drawn = drawn[np.argsort(x[drawn], kind="stable")]
     tips = [f"{quantity}.{bands[i]} = {values[i]:.4g}: {low[i]:.4g} to {high[i]:.4g}" for i in drawn]
     dots = [(frame.across(float(x[i])), frame.up(float(values[i])), tip) for i, tip in zip(drawn, tips, strict=True)]
-    return Chart(
-        quantity,
-        label,
-        "value",
-        frame.x_ticks() if label.endswith("nm") else _names(frame, bands),
-        frame.y_ticks(),
-        words=words,
-        band=frame.band(x[drawn], low[drawn], high[drawn]),
-        line=frame.path(x[drawn], values[drawn]),
-        dots=tuple(dots),
-    )
+    band, line = frame.band(x[drawn], low[drawn], high[drawn]), frame.path(x[drawn], values[drawn])
+    chart = frame.chart(quantity, label, "value", words=words, band=band, line=line, dots=tuple(dots))
+    return chart if label.endswith("nm") else dataclasses.replace(chart, x_ticks=_names(frame, bands))
 
 
 def errors_of_bands(errors: Vector, bands: Sequence[str]) -> Chart:

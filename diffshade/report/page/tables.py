@@ -21,7 +21,7 @@ LONGEST = 16  # letters of a name next to a correlation
 
 @dataclass(frozen=True)
 class Row:
-    """A parameter of the fit; its intervals are relative to the value, in units of `Parameters.reach`."""
+    """A parameter of the fit; its intervals are relative to the value, in units of the table's reach."""
 
     name: str
     value: str
@@ -30,38 +30,6 @@ class Row:
     remark: str
     interval_68: tuple[float, float] | None = None
     interval_95: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """The table of parameters."""
-
-    rows: tuple[Row, ...]
-    reach: float
-    kind: str
-    """What the errors are, in words."""
-    unknown: tuple[str, ...]
-    """The quantities with a value that is not determined."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A correlation."""
-
-    strength: float
-    sign: str
-    words: str
-
-
-@dataclass(frozen=True)
-class Correlations:
-    """The matrix of correlations, and the strongest pairs in words."""
-
-    names: tuple[str, ...]
-    labels: tuple[str, ...]
-    """The names; long ones are abbreviated."""
-    cells: tuple[tuple[Cell, ...], ...]
-    strongest: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -84,8 +52,11 @@ def bands(made: PredictionBands, predictions: Sequence[Prediction]) -> dict[str,
     }
 
 
-def parameters(fit: Fit, examination: Examination | None) -> Parameters:
-    """Return every parameter with its error, and with its interval if there is an examination."""
+def parameters(fit: Fit, examination: Examination | None) -> dict[str, Any]:
+    """Return a row for every parameter, with its error, and with its interval if there is an examination.
+
+    And how far a drawing reaches, what kind of errors they are, and the quantities with a value that is not determined.
+    """
     known = fit.determined if examination is None else examination.determined
     errors = fit.errors if examination is None else examination.errors
     made = fit.what_errors_hold(fit.clusters)
@@ -116,15 +87,18 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
         whiskers = (one, two) if drawn[j] else (None, None)
         rows.append(Row(name, rounded(fit.values[j], errors[j]), error, interval, remark, *whiskers))
     unknown = dict.fromkeys(u.quantity for u, here in zip(fit.unknowns, known, strict=True) if not here)
-    return Parameters(tuple(rows), reach, kind, tuple(unknown))
+    return {"rows": rows, "reach": reach, "kind": kind, "unknown": tuple(unknown)}
 
 
 def _range(ends: np.ndarray, error: float) -> str:
     return " to ".join(rounded(float(end), float(error)) for end in ends)
 
 
-def correlations(fit: Fit) -> Correlations:
-    """Return the correlations of what is determined, and the strongest pairs."""
+def correlations(fit: Fit) -> dict[str, Any]:
+    """Return the correlations of what is determined, each as strength, sign and words, and the strongest pairs.
+
+    Labels are the names; long ones are abbreviated.
+    """
     which = np.flatnonzero(np.diag(fit.covariance) > 0)
     correlation = fit.correlation[np.ix_(which, which)]
     names = tuple(fit.names[j] for j in which)
@@ -133,14 +107,15 @@ def correlations(fit: Fit) -> Correlations:
     strongest = [f"{names[i]} and {names[j]}: {correlation[i, j]:+.2f}" for i, j in order if upper[i, j] > 0.1]
     labels = tuple(name if len(name) <= LONGEST else f"{name[:5]}…{name[-10:]}" for name in names)
     drawn = 1 < len(which) <= MOST_CORRELATED
-    cells = tuple(
-        tuple(
-            Cell(round(abs(float(c)), 3), "negative" if c < 0 else "positive", f"{names[i]}, {names[j]}: {c:+.2f}")
+    cells = [
+        [
+            (round(abs(float(c)), 3), "negative" if c < 0 else "positive", f"{names[i]}, {names[j]}: {c:+.2f}")
             for j, c in enumerate(row)
-        )
-        for i, row in enumerate(correlation)
-    )
-    return Correlations(names, labels, cells if drawn else (), tuple(pair.replace("-", "−") for pair in strongest))
+        ]
+        for i, row in enumerate(correlation if drawn else ())
+    ]
+    said = [pair.replace("-", "−") for pair in strongest]
+    return {"names": names, "labels": labels, "cells": cells, "strongest": said}
 
 
 def shown(columns: Mapping[str, Any], notes: Sequence[str] = (), which: slice = slice(None)) -> PageTable:

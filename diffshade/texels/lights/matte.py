@@ -39,6 +39,10 @@ class Cells(NamedTuple):
 class Surface(NamedTuple):
     """What cells show under lights, as a matte surface, in the axes of the lights."""
 
+    inside: Bool[np.ndarray, "h w"]
+    """Where the object is."""
+    s: Float[np.ndarray, "views 3"]
+    """The lights, of power 1."""
     y: Float[np.ndarray, "views n"]
     """What the cells show, by the power of the lights."""
     counts: Bool[np.ndarray, "views n"]
@@ -53,6 +57,11 @@ class Surface(NamedTuple):
     """Upwards."""
     whole: Bool[np.ndarray, "g v"]
     """Which cells these are."""
+
+    @property
+    def tells(self) -> bool:
+        """Whether there are such cells, and lights that reach them."""
+        return bool(self.whole.any() and np.isfinite(self.misfit))
 
 
 def cells_of(
@@ -75,17 +84,17 @@ def cells_of(
     h, w = (last - first) // size + 1, (right - left) // size + 1
     black = np.array([float(view.black) for view in views])[:, None, None]
     one = np.array([float(view.exposure) for view in views])[:, None, None] * colour[..., None]
-    seen, counts, inside = np.zeros((len(views), h, w)), np.zeros((len(views), h, w)), np.zeros((h, w))
+    sums = np.zeros((3, len(views), h, w))  # of brightness, of observations that count, and of pixels inside
     for r in range(h):
         tile = reader.read(first + r * size, first + r * size + 1, 1)
-        c = (tile.pixels % width - left) // size
-        kept = (c >= 0) & (c < w)
-        c, tile = c[kept], tile.part(np.flatnonzero(kept))
+        column = tile.pixels % width - left
+        kept = np.flatnonzero((column >= 0) & (column < w * size))
+        tile = tile.part(kept)
         y = ((np.asarray(tile.target, np.float64) - black) / one).mean(1)
-        inside[r] = np.bincount(c, minlength=w)
-        for v, (of, known) in enumerate(zip(y, tile.counts, strict=True)):
-            seen[v, r] = np.bincount(c, of * known, w)
-            counts[v, r] = np.bincount(c, known, w)
+        row = np.zeros((3, len(views), w * size))
+        row[..., column[kept]] = y * tile.counts, tile.counts, np.ones_like(y)
+        sums[:, :, r] = row.reshape(3, len(views), w, size).sum(-1)
+    seen, counts, (inside, *_) = sums
     most = inside > MOST * size
     return Cells(seen / np.maximum(counts, 1.0), (counts == inside) & most, most)
 
@@ -101,7 +110,8 @@ def surface_under(cells: Cells, s: Float[np.ndarray, "views 3"], power: Float[np
     smooth = np.stack([gaussian_filter(b[..., k], SIGMA) for k in range(3)], -1) / share[..., None]
     whole = with_neighbours(cells.inside)
     here, right, below = smooth[:-1, :-1][whole], smooth[:-1, 1:][whole], smooth[1:, :-1][whole]
-    return Surface(y, counts, misfit, b, (here + right + below) / 3.0, right - here, here - below, whole)
+    middle = (here + right + below) / 3.0
+    return Surface(cells.inside, s, y, counts, misfit, b, middle, right - here, here - below, whole)
 
 
 def with_neighbours(inside: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "g v"]:

@@ -11,7 +11,7 @@ registration technique", IJCAI 1981). The shift that all have in common is nobod
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -102,12 +102,12 @@ def _beside_mask(pictures: Pictures, shift: Float[np.ndarray, "views 2"]) -> Flo
     )
     steps = np.arange(-far, far + 1)
 
-    def sides(i: Any, j: Any) -> list[float]:
-        moved = np.roll(mean, (-i, -j), (0, 1))
-        return [moved[of].mean() for of in (inside, outside)]
+    def seen_in(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "rows columns"]:
+        moved = np.fft.ifft2(np.fft.fft2(mean) * np.fft.fft2(mask / mask.sum()).conj())
+        return moved.real[np.ix_(steps, steps)]
 
-    of_inside, of_outside = np.array([[sides(i, j) for j in steps] for i in steps]).transpose(2, 0, 1)
-    contrast = of_inside - of_outside
+    of_inside = seen_in(inside)
+    contrast = of_inside - seen_in(outside)
     i, j = np.unravel_index(contrast.argmax(), contrast.shape)
     within = 0 < i < 2 * far and 0 < j < 2 * far
     if not within or contrast[i, j] < MOST * of_inside[i, j]:

@@ -60,9 +60,8 @@ def numbers_of(maps: TexelMaps, heights: HeightMap | None) -> Numbers:
         surface = intersect(scene, camera)
         normal = np.asarray(surface.normal)
         height = _heights(surface.position, camera) if heights is None else _placed(heights)
-    material, shape = maps.as_scene().objects[0].material, maps.status.shape
-    k_s = maps.values["k_s"] if "k_s" in maps.values else maps.scene.objects[0].material.k_s
-    n_s = maps.values["n_s"] if "n_s" in maps.values else maps.scene.objects[0].material.n_s
+    material, known, shape = maps.as_scene().objects[0].material, maps.scene.objects[0].material, maps.status.shape
+    k_s, n_s = (maps.values.get(name, getattr(known, name)) for name in ("k_s", "n_s"))
     region, shapes = _shapes(maps)
     parts = None
     if maps.unexplained is not None:
@@ -150,19 +149,14 @@ def _reduced(numbers: Numbers, factor: int) -> Numbers:
         sums = _squares(kept, factor).sum((1, 3))
         return sums / weight.reshape(weight.shape + (1,) * (of.ndim - 2))
 
-    status = np.where(inside, numbers.status, 0)
-    largest = _squares(status, factor).max((1, 3))
-    region = _squares(numbers.region, factor)[:, 0, :, 0]
     normal = mean(numbers.normal)
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    of_texels = {name: getattr(numbers, name) for name in ("k_d", "k_s", "n_s", "own", "height", "beyond")}
     return dataclasses.replace(
         numbers,
-        **{name: mean(getattr(numbers, name)) for name in ("k_d", "k_s", "n_s", "own")},
-        normal=normal,
-        height=None if numbers.height is None else mean(numbers.height),
-        status=largest,
-        region=region,
-        beyond=None if numbers.beyond is None else mean(numbers.beyond),
+        **{name: mean(of) for name, of in of_texels.items() if of is not None},
+        normal=normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12),
+        status=_squares(np.where(inside, numbers.status, 0), factor).max((1, 3)),
+        region=_squares(numbers.region, factor)[:, 0, :, 0],
         errors={name: mean(error) for name, error in numbers.errors.items()},
         factor=factor,
     )

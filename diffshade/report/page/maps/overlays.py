@@ -46,49 +46,24 @@ def overlays_of(numbers: Numbers, layers: Sequence[Layer]) -> list[dict[str, Any
 
 def _of_values(numbers: Numbers) -> Iterator[dict[str, Any]]:
     inside = numbers.inside
-    yield _overlay(
-        "normals",
-        NORMALS,
-        "Red grows to the right, green upwards, blue towards the camera; grey is 0.",
-    )
+    yield _overlay("normals", NORMALS, "Red grows to the right, green upwards, blue towards the camera; grey is 0.")
     for name, words in (("k_d", "diffuse reflection"), ("k_s", "specular reflection")):
         white = float(np.percentile(getattr(numbers, name)[inside], BRIGHT))
-        if white < DARK:
-            continue
-        yield _overlay(
-            f"{name}, {words}",
-            COLOUR,
-            f"The share of the light that arrives; white is {white:.3g}.",
-            of=name,
-            low=0.0,
-            high=white,
-        )
+        if white >= DARK:
+            said = f"The share of the light that arrives; white is {white:.3g}."
+            yield _overlay(f"{name}, {words}", COLOUR, said, of=name, low=0.0, high=white)
     n_s = numbers.n_s[inside & (numbers.n_s > 0.0)]
     if n_s.size and np.ptp(n_s) > 0.0:
         low, high = (float(end) for end in np.percentile(n_s, (1.0, 99.0)))
-        yield _overlay(
-            "n_s, specular exponent",
-            NUMBER,
-            "Higher is sharper; the scale is logarithmic.",
-            of="k_d",
-            pick=3,
-            low=low,
-            high=max(high, 1.01 * low),
-            logarithmic=True,
-            ends=(f"{low:.3g}", f"{high:.3g}"),
-        )
+        scale = {"low": low, "high": max(high, 1.01 * low), "logarithmic": True, "ends": (f"{low:.3g}", f"{high:.3g}")}
+        said = "Higher is sharper; the scale is logarithmic."
+        yield _overlay("n_s, specular exponent", NUMBER, said, of="k_d", pick=3, **scale)
     if numbers.height is not None:
         low, high = (float(end) for end in np.percentile(numbers.height[inside], (0.5, 99.5)))
-        yield _overlay(
-            "heights",
-            NUMBER,
-            "Towards the camera, scene units, relative to the mean.",
-            of="geometry",
-            pick=3,
-            low=low,
-            high=high if high > low else low + 1.0,
-            ends=tuple(f"{end:.3g}".replace("-", "−") for end in (low, high)),
-        )
+        ends = tuple(f"{end:.3g}".replace("-", "−") for end in (low, high))
+        scale = {"low": low, "high": high if high > low else low + 1.0, "ends": ends}
+        said = "Towards the camera, scene units, relative to the mean."
+        yield _overlay("heights", NUMBER, said, of="geometry", pick=3, **scale)
 
 
 def _of_status(numbers: Numbers) -> dict[str, Any]:

@@ -42,7 +42,8 @@ def stage_of(maps: TexelMaps, lightings: Sequence[Lighting], white: float, facto
         inside = maps.status != OUTSIDE
         laws: list[str] = []
         found = [_lighting(maps, select(scene, of.lit), laws, position, inside, target) for of in lightings]
-    given = maps.unexplained
+    given = None if maps.unexplained is None else maps.unexplained.interpolation
+    told = ("toward", "width", "given")  # of an interpolation
     return {
         "camera": _camera(camera, factor),
         "placed": position is not None,
@@ -53,13 +54,7 @@ def stage_of(maps: TexelMaps, lightings: Sequence[Lighting], white: float, facto
             {**lights, "gain": of.exposure / white, "black": of.black / white}
             for of, lights in zip(lightings, found, strict=True)
         ],
-        "interpolation": None
-        if given is None
-        else {
-            "toward": given.interpolation.toward.tolist(),
-            "width": given.interpolation.width,
-            "given": given.interpolation.given.tolist(),
-        },
+        "interpolation": given and {name: np.asarray(getattr(given, name)).tolist() for name in told},
     }
 
 

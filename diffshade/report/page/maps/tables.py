@@ -61,13 +61,8 @@ def packed(numbers: Numbers, layers: Sequence[Layer], off_by: str | None) -> Pag
             rows.append(("n_s", f"{bits}", f"{100 * off.max(initial=0.0):.2g} %"))
     if numbers.beyond is not None:
         parts = [layer for layer in layers if layer.name.startswith("beyond")]
-        rows.append(
-            (
-                "light beyond the model",
-                f"{len(parts)} of {numbers.beyond.shape[-1]} parts, 3 × {parts[0].channels[0].bits}",
-                _off_beyond(numbers, parts),
-            )
-        )
+        bits = f"{len(parts)} of {numbers.beyond.shape[-1]} parts, 3 × {parts[0].channels[0].bits}"
+        rows.append(("light beyond the model", bits, _off_beyond(numbers, parts)))
     if off_by is not None:
         rows.append(("picture", "", off_by))
     return PageTable(("number", "bits", "largest difference from the maps"), tuple(rows), ())

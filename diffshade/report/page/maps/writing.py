@@ -38,6 +38,7 @@ MOST_PHOTOGRAPHS = 24  # that the live picture is compared with
 # Of white: to what a light page rounds what is beyond the model. Nine texels of ten then differ by 1.5 steps of 255.
 STEP = 1.0 / 16.0
 MOST_PREDICTIONS = 12  # and half as many of both in a light page
+EACH = ("Each of these photographs", "those above, from 0")  # title and axis of a chart of all of them or some
 SHADERS = ("decode", "relief", "shadow", "median", "beyond", "maps", "present")
 STYLES = ("page.css", "maps/maps.css")
 SCRIPTS = (
@@ -112,7 +113,8 @@ def write_maps_page(
     lightings = _lightings(maps, photographs)
     stage = stage_of(maps, lightings, white, numbers.factor)
     brightness = _brightness(stage["views"])
-    first = _first(brightness)
+    # the page opens with the first view that is not brighter than most: white is that of the median
+    first = int(np.argmax(brightness <= np.median(brightness)))
     layers, planes = layers_of(numbers, None if form.full else STEP / (float(np.median(brightness)) or 1.0))
     beside = [] if form.embed else photographs.some(form.of(MOST_PHOTOGRAPHS))
     _name(stage["views"], photographs, beside)
@@ -147,13 +149,13 @@ def write_maps_page(
         gallery=build_gallery(predictions, names, drawn_bands(())) if names else None,
         seen=not photographs.left_out,
         bands=None if bands is None else on_bands(bands, predictions),
-        charts=_charts(names, off),
+        charts=[charts.errors_of_each(off, names, "relative error", *EACH)] if names else [],
         factor=numbers.factor,
         packed=tables.packed(numbers, layers, picture_off(maps, numbers, layers, white)),
         scene=as_script({"first": first, **_scene(numbers, layers, planes, stage, overlays)}),
         shaders={name: shader(f"maps/{name}.glsl", stage["lobes"], stage["laws"]) for name in SHADERS},
         files={f"{name}-{k}": file for name, of in planes.items() for k, file in enumerate(of)}
-        | _jpegs(photographs, beside, white),
+        | {f"photograph-{i}": as_jpeg(photographs.every[i], white) for i in beside},
     )
     path.write_text(page, encoding="utf-8")
 
@@ -168,18 +170,6 @@ def _predicted(
     return [photographs.names[i] for i in which], found, np.array(off)
 
 
-def _charts(names: Sequence[str], off: Float[np.ndarray, " n"]) -> list[charts.Chart]:
-    if not names:
-        return []
-    title, x_label = "Each of these photographs", "those above, from 0"  # all of them or some
-    return [charts.errors_of_each(off, names, "relative error", title, x_label)]
-
-
-def _jpegs(photographs: PagePhotographs, which: Sequence[int], white: float) -> dict[str, str]:
-    """Return the photographs that the live picture is compared with."""
-    return {f"photograph-{i}": as_jpeg(photographs.every[i], white) for i in which}
-
-
 def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
     """Return the lights of each photograph; without photographs, each of the scene's lights alone."""
     if not photographs.every:
@@ -190,11 +180,6 @@ def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
 def _brightness(views: Sequence[dict[str, Any]]) -> Float[np.ndarray, " views"]:
     """Return what a reflectance of 1 that faces each view's light shows, 1 being white."""
     return np.array([view["gain"] * max(view["arriving"]) for view in views])
-
-
-def _first(brightness: Float[np.ndarray, " views"]) -> int:
-    """Return the first view that is not brighter than most, with which the page opens: white is that of the median."""
-    return int(np.argmax(brightness <= np.median(brightness)))
 
 
 def _name(views: list[dict[str, Any]], photographs: PagePhotographs, shown: Sequence[int]) -> None:
