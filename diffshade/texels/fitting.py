@@ -184,7 +184,8 @@ def fit_texels(
         in_float64((scene, views)) as (scene, views),
     ):
         choices = Choices(free, loss, region_of, neighbours, known, match_exposures, align)
-        problem = "" if out is None else fingerprint(FORMAT, scene, views, *choices)
+        # a run that an older method began cannot be resumed: the second number counts methods
+        problem = "" if out is None else fingerprint(FORMAT, 2, scene, views, *choices)
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, devices=devices)
         with contextlib.closing(tiles):
             maps = _fit(scene, views, choices, tiles)

@@ -27,7 +27,7 @@ LAYERS = (
     "model.vectors",
     "model.bands",
     "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.meshes model.gbuffers",
-    "model.flaps model.lobes",
+    "model.diffuse_laws model.flaps model.lobes",
     "model.photometry",
     "model.lights model.area_lights model.measured_lights model.materials model.named_materials",
     "model.reflection model.transmission",
