@@ -13,8 +13,8 @@ second is timed.
 
 With `--speed`, texels a second alone: of 24 spread photographs, where there are as many; of 96, which are the object's
 and, as far as there are too few, these again and again, with all numbers times 1.001, 1.002, ... (a photograph that is
-given twice teaches nothing of the lights between, so no network is learned there); and of 96 pictures that the maps
-show under as many different lights. "network" says that one was learned.
+given twice teaches nothing of the lights between, so nothing is learned there); and of 96 pictures that the maps
+show under as many different lights. "learned" says that something was.
 """
 
 from __future__ import annotations
@@ -191,14 +191,14 @@ def shown(given: Object, maps: ds.TexelMaps, count: int) -> Object:
 
 
 def rate(given: Object) -> tuple[str, ds.TexelMaps]:
-    """Return texels a second, and whether a network was learned; and the maps."""
+    """Return texels a second, whether anything was learned of the lights between, and the maps."""
     ds.fit_texels(given.scene, given.views, free=FREE)
     begin = time.perf_counter()
     maps = ds.fit_texels(given.scene, given.views, free=FREE)
     seconds = time.perf_counter() - begin
     beyond = maps.unexplained
     learned = beyond is not None and len(beyond.interpolation.toward) > len(given.views)
-    return f"{given.mask.sum() / seconds:,.0f}{', network' if learned else ''}", maps
+    return f"{given.mask.sum() / seconds:,.0f}{', learned' if learned else ''}", maps
 
 
 def speed_line(given: Object) -> list[str]:

@@ -87,10 +87,8 @@ class Plan:
         It is a percentage of the value, or an absolute error for a value without a scale; - marks an unknown that is
         not determined.
         """
-        relative, members = (
-            relative_to_values(self.unknowns, self.values, errors, self.scales),
-            by_quantity(self.unknowns),
-        )
+        relative = relative_to_values(self.unknowns, self.values, errors, self.scales)
+        members = by_quantity(self.unknowns)
         cells = []
         for quantity in quantities:
             worst = max(members[quantity], key=lambda j: errors[j] if relative[j] == 0 else relative[j])

@@ -133,7 +133,7 @@ def _metallic(
     def cost(metallic: float) -> float:
         return float(np.sum((strength(metallic) * shape * tint(pigment, metallic, points.n_l) - target) ** 2))
 
-    metallic = lowest(cost, 0.0, 1.0)
+    metallic = min((lowest(cost, 0.0, 1.0), 0.0, 1.0), key=cost)  # of a grey pigment all are alike
     return strength(metallic), metallic
 
 

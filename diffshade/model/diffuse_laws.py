@@ -1,6 +1,6 @@
 r"""Diffuse laws: how k_d reflects at each angle, by Lambert's law or as real things depart from it.
 
-$$ D = (n \cdot l + w + r (l \cdot v - n \cdot l \; n \cdot v)_+ \min(1, n \cdot l / n \cdot v)_+) / (1 + w) $$
+$$ D = (n \cdot l + w + r (l \cdot v - n \cdot l \; n \cdot v)_+ \min(1, (n \cdot l)_+ / n \cdot v))_+ / (1 + w) $$
 
 Clay, plaster and stone reflect more towards the light. r is B / A of Oren and Nayar (1994), eq. 30, whose product of
 cosine, sine and tangent is written here without angles. Wax, marble and skin let light in, which comes out around where
@@ -27,7 +27,7 @@ class DiffuseLaw(NamedTuple):
     """w: light reaches a surface whose n.l is above -w."""
 
     def at(self, n_l: Array, n_v: Array, l_v: Array) -> Array:
-        """Return D from the cosines between normal, light and viewer; where it is below 0 no light comes out."""
+        """Return D from the cosines between normal, light and viewer, below 0 where the last ( )_+ makes it 0."""
         n_v = jnp.maximum(n_v, SMALL)
         towards_light = jnp.maximum(l_v - n_l * n_v, 0.0) * jnp.clip(n_l / n_v, 0.0, 1.0)
         return (n_l + self.translucency + self.roughness * towards_light) / (1.0 + self.translucency)

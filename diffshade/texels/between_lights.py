@@ -124,7 +124,7 @@ def learned_between(
     for learned_from, unseen in zip(*of_both, strict=True):
         off = np.append(_least_squares(learned_from), -1.0)
         left += off @ unseen @ off
-    if not left <= (1.0 - SLIGHT) ** 2 * quarters[..., -1, -1].sum():
+    if not left < (1.0 - SLIGHT) ** 2 * quarters[..., -1, -1].sum():
         return None
     new = lights_between(toward)
     weights = _least_squares(quarters.sum((0, 1))).reshape(-1, UNITS).astype(np.float32)
@@ -208,4 +208,5 @@ def _moments(
 def _least_squares(moments: Float[np.ndarray, "terms terms"]) -> Float[np.ndarray, " weights"]:
     """Return the weights by which what is shown beyond the expected is predicted best."""
     G = moments[:-1, :-1]
-    return np.linalg.solve(G + SLIGHT * np.trace(G) / len(G) * np.eye(len(G)), moments[:-1, -1])
+    ridge = SLIGHT * np.trace(G) / len(G) + TINY  # of black texels all is 0
+    return np.linalg.solve(G + ridge * np.eye(len(G)), moments[:-1, -1])

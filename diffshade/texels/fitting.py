@@ -32,6 +32,7 @@ from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .lighting import LightErrors
 from .lights.exposures import with_exposures
+from .lights.gammas import by_gamma_or_law
 from .lights.level import without_level
 from .lights.shifts import without_shifts
 from .lights.taught import Taught
@@ -227,6 +228,7 @@ def _fit(scene: Scene, views: Sequence[View], choices: Choices, tiles: TileRunne
         if taught.shifts is not None:
             tiles.reader = ViewReader(scene, taught.views)
         taught = with_exposures(without_level(taught)) if match_exposures else taught
+        taught = by_gamma_or_law(taught)
         if not any(note.kind == "disagrees" for note in taught.notes):
             taught = taught.noted(*note_on_turned_lights(taught.run, taught.models, taught.sample))
     if taught.views is not views:

@@ -44,6 +44,15 @@ def test_nothing_is_learned_of_noise_or_of_few_views():
     assert learned_between(lights[:8], noise[:8], model[:8], SMOOTHING) is None
 
 
+@pytest.mark.parametrize("texels", [1, 2, 200])
+def test_of_black_texels_nothing_is_learned(texels):
+    lights = dome(24, 0.2)
+    model, beyond = shadows(lights, texels)
+    assert learned_between(lights, 0.0 * beyond, 0.0 * model, SMOOTHING) is None
+    model[..., ::2], beyond[..., ::2] = 0.0, 0.0
+    learned_between(lights, beyond, model, SMOOTHING)
+
+
 def test_a_photograph_that_is_given_twice_teaches_nothing():
     lights = dome(24, 0.2)
     beside = lights[:1] + np.random.default_rng(0).normal(0.0, 1e-3, 3)

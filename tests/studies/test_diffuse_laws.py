@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from bumpy import TO_CAMERA, degrees_between, oren_nayar, under, wrapped
+from bumpy import TO_CAMERA, Photographed, degrees_between, oren_nayar, under, wrapped
 
 import diffshade as ds
 from diffshade.core.words import Note
@@ -113,6 +113,26 @@ def test_outliers_are_named_though_what_is_left_is_no_noise(count):
     assert_errors_hold(fit, truth, 3.0)
 
 
+def test_a_bright_patch_is_no_scatter_of_outliers():
+    def brighter(normal: np.ndarray, l: np.ndarray) -> np.ndarray:
+        return wrapped(normal, l, 0.0) * (1.0 + 0.15 * np.exp(-np.sum((normal[..., :2] - 0.3) ** 2, -1) / 0.08))
+
+    fit, _ = fitted(brighter, 0.2, 2)
+    assert cause_of(fit).names[0] != "outliers"
+
+
+def test_a_light_with_arguments_of_its_own_is_looked_at():
+    class Sun(ds.DirectionalLight):
+        def __init__(self, azimuth: float):
+            super().__init__((np.cos(azimuth), np.sin(azimuth), -1.0))
+
+    camera = ds.Camera((0, 0, 4), fov=35.0, shape=(48, 48))
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.5, 0.0)), [Sun(0.3), Sun(2.0)], ambient=0.2)
+    uneven = 1.0 + 0.3 * np.linspace(0.0, 1.0, 48)[:, None, None] ** 2
+    views = [ds.View(np.asarray(ds.render(scene, camera, lit=i)) * uneven, camera, lit=i) for i in range(2)]
+    assert cause_of(ds.fit(scene, views, free=("k_a", "k_d"))).names
+
+
 def test_what_a_rough_surface_adds_is_of_k_d_alone():
     camera, lights = ds.Camera((0, 0, 4), fov=35.0, shape=(24, 24)), [ds.DirectionalLight((-1, -1, -2))]
     view, added = ds.View(np.zeros((24, 24, 3)), camera), []
@@ -130,10 +150,7 @@ def test_lambert_s_law_gets_no_remark():
     assert not [note for note in fit.notes if note.kind in ("cause", "misfit")]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("w", [0.05, 0.2])
-@pytest.mark.parametrize("count", [8, 20])
-def test_normals_of_a_translucent_relief_hold_and_a_note_says_so(w, count):
+def relief(w: float, count: int, gamma: float = 1.0) -> Photographed:
     turns = np.arange(count) + 0.5
     z, around = 1.0 - 0.4 * turns / count, turns * np.pi * (3.0 - np.sqrt(5.0))
     lights = np.stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z], -1)
@@ -145,10 +162,32 @@ def test_normals_of_a_translucent_relief_hold_and_a_note_says_so(w, count):
     for l in lights:
         half = (l + TO_CAMERA) / np.linalg.norm(l + TO_CAMERA)
         image = wrapped(normal, l, w)[..., None] * (0.5, 0.4, 0.3) + 0.1 * np.maximum(normal @ half, 0)[..., None] ** 60
-        images.append(image + 0.003 * random.standard_normal(image.shape))
-    of = under(lights, images, normal, np.ones((64, 64), bool))
+        images.append(np.maximum(image + 0.003 * random.standard_normal(image.shape), 0.0) ** gamma)
+    return under(lights, images, normal, np.ones((64, 64), bool))
+
+
+def texels_of(of: Photographed) -> tuple[ds.TexelMaps, set[str]]:
     maps = ds.fit_texels(of.scene, of.views, free=("k_d", "k_s", "n_s", "normal"), light_error=0.0)
-    off = degrees_between(maps.values["normal"], normal)
+    return maps, {note.kind for note in maps.notes if isinstance(note, Note)}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("w", [0.05, 0.2])
+@pytest.mark.parametrize("count", [8, 20])
+def test_normals_of_a_translucent_relief_hold_and_a_note_says_so(w, count):
+    of = relief(w, count)
+    maps, kinds = texels_of(of)
+    off = degrees_between(maps.values["normal"], of.normal)
     assert off.mean() < 0.6
     assert np.mean(off <= maps.errors["normal"][..., 0]) > 0.6
-    assert [note for note in maps.notes if isinstance(note, Note) and note.kind == "translucent"]
+    assert "translucent" in kinds
+    assert "cause" not in kinds
+
+
+@pytest.mark.thorough
+def test_photographs_with_a_gamma_are_no_photographs_of_wax():
+    maps, kinds = texels_of(relief(0.0, 20, gamma=1 / 2.2))
+    assert not {"translucent", "rough"} & kinds
+    (cause,) = [note for note in maps.notes if isinstance(note, Note) and note.kind == "cause"]
+    assert float(re.findall("raised to about ([0-9.]+),", cause)[0]) == pytest.approx(2.2, rel=0.05)
+    assert not maps.known.any()

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.thresholds import MOST, SLIGHT, SMALL
+from ...core.thresholds import FAR_MORE, MOST, SLIGHT, SMALL
 from ..pixels.blocks import BLOCK
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
@@ -149,9 +149,10 @@ def _errors(look: _Look, found: Sequence[Found]) -> Vector:
             away = away + look.of.mean[one.of] @ (one.case.renamed[None] / one.size)
     more = sum((one.size * moves[one.of].sum(0)) ** 2 for one in look.candidates if one.case.known)
     apart = [look.of.mean[one.of] @ moves[one.of] for one in look.candidates]
-    inexact = [of for one, of in zip(look.candidates, apart, strict=True) if one.fault.inexact]
-    if np.any(inexact):  # what its form does not hold is taken for other faults, which may move the values back
-        away = np.maximum(np.abs(away), np.sum(np.abs(apart), 0))
+    inexact = [np.abs(of) for one, of in zip(look.candidates, apart, strict=True) if one.fault.inexact]
+    if inexact:  # what their form does not hold is taken for other faults, which may move the values back
+        without_signs = np.minimum(np.sum(np.abs(apart), 0), np.abs(away) + FAR_MORE * np.sum(inexact, 0))
+        away = np.maximum(np.abs(away), without_signs)
         more += np.sum(np.square(inexact), 0)
     return np.sqrt(np.einsum("kp,kl,lp->p", moves, look.of.covariance, moves) + away**2 + more)
 

@@ -58,7 +58,8 @@ def of_roughness(at: Linearised) -> Iterator[Case]:
 
 def of_translucency(at: Linearised) -> Iterator[Case]:
     """Yield surfaces that light enters, as wax, marble and skin; an amount is w of their law, to the first order."""
-    yield from _of_law(at, DiffuseLaw(0.0, USUAL_TRANSLUCENCY), USUAL_TRANSLUCENCY)
+    if not at.fit.scene.shadows:  # with which nothing is drawn of light on the side that turns away
+        yield from _of_law(at, DiffuseLaw(0.0, USUAL_TRANSLUCENCY), USUAL_TRANSLUCENCY)
 
 
 def _of_law(at: Linearised, law: DiffuseLaw, amount: float) -> Iterator[Case]:
@@ -81,8 +82,8 @@ def _beyond_lambert(scene: Scene, view: View, law: DiffuseLaw) -> Float[np.ndarr
     each = (item.material for item in scene.objects)
     flat = [replace(of, k_a=of.k_d, k_d=none, k_s=none, k_e=none, highlights=()) for of in each]
     whole = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)
-    lights = [*scene.lights[:k], replace(light, ambient=light.intensity), *scene.lights[k + 1 :]]
-    shown = photograph(replace(whole, ambient=0.0, lights=lights), view) - float(view.black)
+    whole = eqx.tree_at(lambda s: s.lights[k].ambient, whole, light.intensity, is_leaf=lambda leaf: leaf is None)
+    shown = photograph(replace(whole, ambient=0.0), view) - float(view.black)
     return np.where(inside, beyond, 0.0)[..., None] * shown
 
 
@@ -119,7 +120,8 @@ def of_size(at: Linearised) -> Iterator[Case]:
     To the first order in the square of its width such light is the mean of that of the light moved to four sides, so
     far that where its light ends on the object is drawn as gradual as that of a usual lamp is.
     """
-    if at.drawable and at.light.any():
+    movable = any(isinstance(light, OF_ONE_PLACE) for light in at.fit.scene.lights)
+    if at.drawable and movable and at.light.any():
         sides = (partial(aside, side) for side in ((0, 1), (0, -1), (1, 1), (1, -1)))
         moved = (_drawn(at, with_lamps(at.fit, to_side, OF_ONE_PLACE)) for to_side in sides)
         yield Case(0, (sum(moved) / 4.0 - at.predicted)[None] / (6.0 * SMALL**2))  # whose variance is a twelfth
@@ -132,7 +134,7 @@ def aside(side: tuple[int, int], light: Any, center: np.ndarray) -> Any:
     there = np.asarray(getattr(light, place))
     arm = there - center if place == "position" else there
     across = np.linalg.svd(arm[None])[2][1 + axis]
-    return replace(light, **{place: there + sign * SMALL * np.linalg.norm(arm) * across})
+    return eqx.tree_at(lambda of: getattr(of, place), light, there + sign * SMALL * np.linalg.norm(arm) * across)
 
 
 def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], Any], amount: float) -> Iterator[Case]:

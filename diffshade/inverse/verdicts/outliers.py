@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ...core.masks import Mask
 from ...core.robust_scale import OUTLIER, robust_scale
-from ...core.thresholds import MOST
+from ...core.thresholds import MOST, SMALL
 from ..forward.sums import residuals
 from ..laid_out import LaidOut
 from ..misfit.noise_tests import FALSE_ALARM, leftovers, whiteness
@@ -36,11 +36,13 @@ class WithoutOutliers(NamedTuple):
     """Whether the residuals of the others are noise."""
     explained: float
     """The share of the residuals' squares that goes with them."""
+    together: float
+    """The share of them whose neighbours to both sides are left out too."""
 
     @property
     def is_the_cause(self) -> bool:
-        """Whether they are what is wrong, alone or for the most part."""
-        return self.is_noise or self.explained > MOST
+        """Whether they are what is wrong, alone or for the most part; where they stand together, they are a place."""
+        return self.is_noise or (self.explained > MOST and self.together < SMALL)
 
     def sentence(self, fit: Fit) -> str:
         """Say what was left out, which value it moves most, and the remedy."""
@@ -73,7 +75,10 @@ def without_outliers(fit: Fit) -> WithoutOutliers:
     is_noise = whiteness(leftovers(rest, without.theta)).p_value > FALSE_ALARM
     left, all_squares = (float(np.sum(end.point.views.cost)) for end in (without, with_all))
     out, pixels = np.array([of.sum() for of in far]), np.maximum(all_pixels.pixels, 1)
-    return WithoutOutliers(out.sum() / pixels.sum(), np.max(out / pixels), moves, is_noise, 1.0 - left / all_squares)
+    rows = [of.reshape(-1)[samples.pixels] for of, samples in zip(far, all_pixels.samples, strict=True)]
+    inner = sum(int(np.sum(row[:-2] & row[1:-1] & row[2:])) for row in rows)
+    explained, together = 1.0 - left / all_squares, inner / max(out.sum(), 1)
+    return WithoutOutliers(out.sum() / pixels.sum(), np.max(out / pixels), moves, is_noise, explained, together)
 
 
 def _far(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> Sequence[Mask]:

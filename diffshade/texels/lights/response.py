@@ -7,42 +7,38 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float
-from scipy.optimize import minimize_scalar
 
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import ReportProgress, showing, silent
-from ...core.robust_scale import jackknife_error, robust_scale
+from ...core.robust_scale import jackknife_error
 from ...core.tables import as_text, with_error
 from ...core.thresholds import MINOR
 from ...core.words import Note
-from ...inverse.data.sensors import Sensor, linear_level
+from ...inverse.data.sensors import Sensor
 from ...inverse.data.views import View
 from ...model.scenes import Scene
-from ..between_lights import MIN_VIEWS  # of 8, a texel's four numbers fit the brightest, whatever the gamma
+from ..between_lights import MIN_VIEWS
 from ..checks import checked
 from ..fitting import MEMORY
-from ..robust.learning import Fitted, every_assumption
 from ..robust.run import RobustRun
 from ..robust.stated_errors import CALIBRATION_SAMPLE
 from ..run import TexelRun
 from ..tile_runner import TileRunner
 from ..tiles import TexelTile
 from .finding import FREE
+from .gammas import Misfit, lowest, misfit_through
 
 GAMMAS = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
 CLEAR_RATIO = 1.25  # of the misfits of the outermost gammas to the least one, from which that is believed
 GROUPS = 4  # of the views, left out in turn
-
-Misfit = Callable[[TexelTile, float], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +106,7 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
             each = TexelRun(inner, plain, FREE, "cauchy", None, tiles)
             run = RobustRun(each.setup, each.known, "cauchy", None, tiles, neighbours=False)
 
-            def misfit(sample: TexelTile, gamma: float) -> float:
-                anew, linear = run.under(each.setup), raised(sample, gamma)
-                model = anew.learn(linear, every_assumption()[0])[0]
-                return misfit_in_file(sample, linear, anew.sample_at_minimum(linear, model), gamma)
-
-            return _found(views, misfit, tiles.reader.sample(CALIBRATION_SAMPLE), report_progress)
+            return _found(views, partial(misfit_through, run), tiles.reader.sample(CALIBRATION_SAMPLE), report_progress)
 
 
 def _found(
@@ -152,39 +143,12 @@ def _found(
     return FoundResponse(gamma, error, taken, least, linear, tuple(notes))
 
 
-def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: float) -> float:
-    """Return the typical residual relative to a texel's brightness, as the file has both.
-
-    A residual r of the linear y = f^gamma is one of r f / (gamma y) in the file. Taken there, noise is as large through
-    every gamma; of linear samples, a large gamma would make that of the dark ones small.
-    """
-    f, y = (tile.target.mean(1) for tile in (sample, linear))
-    believed = np.asarray(found.weight > 0.0) & (f > MINOR * f.max(0))
-    level = np.where(believed, f, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
-    of_level = np.where(believed, y, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
-    slope = f / np.maximum(gamma * y, 1e-12) * of_level / np.maximum(level, 1e-12)
-    off = (np.asarray(found.residual) * slope)[believed]
-    return robust_scale(off) if len(off) else np.inf
-
-
 def scatter_of_logarithms(sample: TexelTile) -> float:
     """Return the typical scatter, over the views, of the logarithm of what a texel shows."""
     y = sample.target.mean(1)
     lit = sample.counts & (y > MINOR * y.max(0))
     logarithm = np.where(lit, np.log(np.where(lit, y, 1.0)), np.nan)
     return float(np.nanmedian(np.nanstd(logarithm[:, lit.sum(0) > 1], 0)))
-
-
-def raised(sample: TexelTile, gamma: float) -> TexelTile:
-    """Return texels whose photographs are made linear by a gamma."""
-    linear = linear_level(Sensor(gamma=gamma), sample.target).astype(sample.target.dtype)
-    return eqx.tree_at(lambda tile: tile.target, sample, linear)
-
-
-def lowest(misfit: Misfit, sample: TexelTile, bounds: Float[np.ndarray, "2"]) -> float:
-    """Return where a misfit is least, between two logarithms of gamma."""
-    found: Any = minimize_scalar(lambda log: misfit(sample, float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
-    return float(np.exp(found.x))
 
 
 def _check(views: Sequence[View]) -> None:

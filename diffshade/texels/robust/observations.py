@@ -43,7 +43,7 @@ class Lights(eqx.Module):
         """Return D and S of each view, for normals of shape (1, texels)."""
         lit, D, cosine = self._cosines(n, shape.diffuse)
         S, _ = shape.at(cosine)
-        return self._sum(jnp.where(lit, D, 0.0)), self._sum(jnp.where(lit, S, 0.0))
+        return self._sum(jnp.maximum(D, 0.0)), self._sum(jnp.where(lit, S, 0.0))
 
     def shading_of_powers(self, n: Vec3) -> Float[Array, "powers views texels"]:
         """Return each power of the cosine that a highlight has."""
@@ -58,13 +58,13 @@ class Lights(eqx.Module):
 
     def slopes(self, shape: ReflectionShape, n: Vec3, tangents: tuple[Vec3, Vec3]) -> tuple[Array, ...]:
         """Return D and S of each view, and the derivatives of both along two tangents of the normals."""
-        (D, cosine), along = jax.linearize(partial(self._of_normal, diffuse=shape.diffuse), n)
-        lit, cosine, inside = D > 0.0, jnp.clip(cosine, 0.0, 1.0), cosine > 0.0
+        (n_l, D, cosine), along = jax.linearize(partial(self._of_normal, diffuse=shape.diffuse), n)
+        lit, shows, cosine = n_l > 0.0, D > 0.0, jnp.clip(cosine, 0.0, 1.0)
         S, by_cosine = shape.at(cosine)
-        found = [jnp.where(lit, D, 0.0), jnp.where(lit, S, 0.0)]
+        found = [jnp.where(shows, D, 0.0), jnp.where(lit, S, 0.0)]
         for tangent in tangents:
-            dD, dcosine = along(tangent)
-            found += [jnp.where(lit, dD, 0.0), jnp.where(lit & inside, by_cosine * dcosine, 0.0)]
+            _, dD, dcosine = along(tangent)
+            found += [jnp.where(shows, dD, 0.0), jnp.where(lit & (cosine > 0.0), by_cosine * dcosine, 0.0)]
         return tuple(map(self._sum, found))
 
     def facing_camera(self) -> Float[Array, "views _"]:
@@ -75,15 +75,16 @@ class Lights(eqx.Module):
         """Return in which views a light reaches the texels."""
         return self._sum(jnp.where(self._cosines(n)[0], 1.0, 0.0)) > 0.0
 
-    def _of_normal(self, n: Vec3, diffuse: DiffuseLaw = LAMBERT) -> tuple[Array, Array]:
-        """Return D of each emitter, below 0 where none of its light arrives, and the cosine of the lobe."""
+    def _of_normal(self, n: Vec3, diffuse: DiffuseLaw = LAMBERT) -> tuple[Array, Array, Array]:
+        """Return n.l of each emitter, D, below 0 where none of its light comes out, and the cosine of the lobe."""
         n = jax.tree.map(lambda c: c[None, None], n)
-        D = diffuse.at(dot(n, self.l), dot(n, self.v), dot(self.l, self.v))
-        return D, self.lobe.cosine(n, self.l, self.v)
+        n_l = dot(n, self.l)
+        D = diffuse.at(n_l, dot(n, self.v), dot(self.l, self.v))
+        return n_l, D, self.lobe.cosine(n, self.l, self.v)
 
     def _cosines(self, n: Vec3, diffuse: DiffuseLaw = LAMBERT) -> tuple[Array, Array, Array]:
-        D, cosine = self._of_normal(n, diffuse)
-        return D > 0.0, D, jnp.clip(cosine, 0.0, 1.0)
+        n_l, D, cosine = self._of_normal(n, diffuse)
+        return n_l > 0.0, D, jnp.clip(cosine, 0.0, 1.0)
 
     def _sum(self, each: Float[Array, "views emitters texels"]) -> Float[Array, "views texels"]:
         return each[:, 0] if each.shape[1] == 1 else jnp.sum(self.strength * each, 1)

@@ -119,7 +119,10 @@ def notes_on_diffuse(shapes: Sequence[ReflectionShape]) -> tuple[Note, ...]:
     """Return a note for each way in which k_d departs from Lambert's law, in one region or all."""
     r, w = (max(map(float, numbers)) for numbers in zip(*(shape.diffuse for shape in shapes), strict=True))
     most = "up to " if len(shapes) > 1 else ""
-    allowed = "The normals allow for this; k_d is that of a texel that faces its light."
+    allowed = (
+        "The normals allow for this; k_d is that of a texel that faces its light. Photographs that are not quite "
+        "linear look alike."
+    )
     rough = (
         "the surface is rough, as clay, plaster and stone are: it reflects more towards the light than Lambert's law "
         f"has it (Oren and Nayar 1994: B / A is {most}{r:.2g}). {allowed}"
