@@ -162,7 +162,7 @@ def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> Reflecti
     """Return the shape after a Gauss-Newton step on what may be learned, the first numbers of each texel eliminated."""
     powers, law = len(model.shape.weight), model.shape.diffuse
     current = np.array([*model.shape.weight, *law], np.float64)
-    learns = np.repeat([model.assumed.glossy, not model.assumed.lambertian], [powers, len(law)])
+    learns = np.repeat([bool(model.assumed.glossy), not model.assumed.lambertian], [powers, len(law)])
     if not learns.any():
         return model.shape
     root = np.sqrt(texels.weight / texels.scale[None] ** 2).T[..., None]  # (texels, views, 1)
