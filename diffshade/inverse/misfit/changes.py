@@ -48,7 +48,7 @@ class Move:
         for index, center in arms:
             rows[:, index] = np.deg2rad(np.cross(axes, theta[index] - center))
 
-        def along(theta: Vector, amount: Vector) -> Vector:
+        def along(theta: Vector, amount: Float[np.ndarray, " k"]) -> Vector:
             there, turned = theta.copy(), scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(amount @ axes))
             for index, center in arms:
                 there[index] = center + turned.apply(theta[index] - center)

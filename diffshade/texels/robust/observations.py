@@ -119,7 +119,7 @@ class BlockObservations(eqx.Module):
 
 def reflectances(
     setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, geometry: LightingGeometry
-) -> tuple[Float[Array, "views channels texels"], Float[Array, "views channels texels"]]:
+) -> tuple[Float[Array, "views channels texels"], Float[Array, "views _ _"]]:
     """Return what the views show for each unit of light that arrives, and that light."""
     arriving = jnp.sum(geometry.strength, 2)
     return reflected(setup, known, block) / jnp.where(arriving > 0.0, arriving, 1.0), arriving
