@@ -15,7 +15,6 @@ import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
-from diffshade.inverse.misfit import set_up
 from tests.support.textured import lights_about
 
 FREE = ("k_d", "k_s", "n_s", "direction")
@@ -65,7 +64,6 @@ def dense(by_blocks):
         patch.setattr(problem, "arrow_of", lambda *_: None)
         patch.setattr(rendered, "shown_unknowns", lambda *_: None)
         patch.setattr(sensitivities, "shown_unknowns", lambda *_: None)
-        patch.setattr(set_up, "shown_unknowns", lambda *_: None)
         fit = fitted()
         found = {
             "intensity": ds.sensitivity(by_blocks, "intensity"),
