@@ -163,7 +163,7 @@ def relief(w: float, count: int, gamma: float = 1.0) -> Photographed:
         half = (l + TO_CAMERA) / np.linalg.norm(l + TO_CAMERA)
         image = wrapped(normal, l, w)[..., None] * (0.5, 0.4, 0.3) + 0.1 * np.maximum(normal @ half, 0)[..., None] ** 60
         images.append(np.maximum(image + 0.003 * random.standard_normal(image.shape), 0.0) ** gamma)
-    return under(lights, images, normal, np.ones((64, 64), bool))
+    return under([*lights], images, normal, np.ones((64, 64), bool))
 
 
 def texels_of(of: Photographed) -> tuple[ds.TexelMaps, set[str]]:
