@@ -3,8 +3,8 @@ r"""Diffuse laws: how k_d reflects at each angle, by Lambert's law or as real th
 $$ D = (n \cdot l + w + r (l \cdot v - n \cdot l \; n \cdot v)_+ \min(1, (n \cdot l)_+ / n \cdot v))_+ / (1 + w) $$
 
 Clay, plaster and stone reflect more towards the light. r is B / A of Oren and Nayar (1994), eq. 30, whose product of
-cosine, sine and tangent is written here without angles. Wax, marble and skin let light in, which comes out around where
-it entered: w is how far beyond their terminator they are lit ("wrap lighting": Green 2004, GPU Gems, chapter 16).
+cosine, sine and tangent is written here without angles. Light enters wax, marble and skin and comes out nearby: w is
+how far beyond the terminator they are lit ("wrap lighting": Green 2004, GPU Gems, chapter 16).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class DiffuseLaw(NamedTuple):
     roughness: Float[ArrayLike, ""]
     """r: .9 of the roughest surface of Oren and Nayar."""
     translucency: Float[ArrayLike, ""]
-    """w: light reaches a surface whose n.l is above -w."""
+    """w: the surface is lit where n.l is above -w."""
 
     def at(self, n_l: Array, n_v: Array, l_v: Array) -> Array:
         """Return D from the cosines between normal, light and viewer, below 0 where the last ( )_+ makes it 0."""

@@ -59,8 +59,9 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Men
     """
     before = _misfits(fit, _linear)
 
-    def tried(kind: str, what: str, remedy: str, scene: Scene, *curves: Curve) -> tuple[np.ndarray, Mended]:
-        to, back = curves or (_linear, _linear)
+    def tried(
+        kind: str, what: str, remedy: str, scene: Scene, to: Curve = _linear, back: Curve = _linear
+    ) -> tuple[np.ndarray, Mended]:
         again, refitted = _refitted(fit, scene, to)
         after = _misfits(again, back)
         rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.4g}" for of in (after, before)]

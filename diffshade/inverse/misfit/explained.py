@@ -188,7 +188,7 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
         information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
     # a change is what is predicted less what is shown: at most about as large as the photographs and the residuals
     most = max(squares, float(at.weight @ at.photographed**2))
-    rounding = np.finfo(float).eps * most  # of photographs without noise nothing else may be left
+    rounding = np.finfo(float).eps * most  # without noise, exactly 0 may be left
     return FaultEvidence(information, score, group, max(squares, rounding), freedom, most)
 
 

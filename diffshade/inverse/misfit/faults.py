@@ -208,8 +208,8 @@ FAULTS = (
     ),
     Fault(
         "translucent",
-        "light goes into the surface and comes out around, as in wax, marble and skin: it is lit beyond where "
-        "its light ends",
+        "light enters the surface and comes out nearby, as in wax, marble and skin: it is lit beyond where its light "
+        "ends",
         "No material of a scene does so. Exclude with View.mask what is near the edge of the light.",
         other_scenes.of_translucency,
         plausible=(0.0, 1.0),

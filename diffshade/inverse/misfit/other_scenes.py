@@ -34,8 +34,8 @@ from .linearised import Linearised
 from .regions import center_of, seen_points
 
 EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
-USUAL_TRANSLUCENCY = 0.2  # w around which a fault is linear
-OF_ONE_PLACE = (AbstractLamp, DirectionalLight)
+USUAL_TRANSLUCENCY = 0.2  # w by which the fault is drawn: an amount is a multiple of that change
+OF_ONE_PLACE = (AbstractLamp, DirectionalLight)  # lights without extent
 STEP = SLIGHT  # relative, of lamps' distances and a sphere's axes: small beside their curvature, large beside rounding
 
 
@@ -57,8 +57,8 @@ def of_roughness(at: Linearised) -> Iterator[Case]:
 
 
 def of_translucency(at: Linearised) -> Iterator[Case]:
-    """Yield surfaces that light enters, as wax, marble and skin; an amount is w of their law, to the first order."""
-    if not at.fit.scene.shadows:  # with which nothing is drawn of light on the side that turns away
+    """Yield surfaces that light enters, as wax, marble and skin; an amount is about w of their law."""
+    if not at.fit.scene.shadows:  # with shadows, the side that turns away from the light is drawn black
         yield from _of_law(at, DiffuseLaw(0.0, USUAL_TRANSLUCENCY), USUAL_TRANSLUCENCY)
 
 
@@ -78,7 +78,7 @@ def _beyond_lambert(scene: Scene, view: View, law: DiffuseLaw) -> Float[np.ndarr
     l = np.asarray(light.path(None if p is None else Vec3.of(p)).l.stack())
     n_l, none = np.sum(n * l, -1), np.zeros(len(scene.channels))
     beyond = np.maximum(np.asarray(law.at(n_l, n_v, -np.sum(l * ray, -1))), 0.0) - np.maximum(n_l, 0.0)
-    # as its ambient light, all light that arrives is reflected whichever way a surface faces
+    # given as ambient light too, what arrives is reflected whichever way a surface faces
     each = (item.material for item in scene.objects)
     flat = [replace(of, k_a=of.k_d, k_d=none, k_s=none, k_e=none, highlights=()) for of in each]
     whole = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)

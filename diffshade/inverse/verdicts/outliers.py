@@ -41,7 +41,7 @@ class WithoutOutliers(NamedTuple):
 
     @property
     def is_the_cause(self) -> bool:
-        """Whether they are what is wrong, alone or for the most part; where they stand together, they are a place."""
+        """Whether they are what is wrong, alone or for the most part; pixels that touch are a place, no outliers."""
         return self.is_noise or (self.explained > MOST and self.together < SMALL)
 
     def sentence(self, fit: Fit) -> str:

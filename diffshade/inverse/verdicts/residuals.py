@@ -78,8 +78,9 @@ def _outliers(fit: Fit, seen: Explained, report_progress: ReportProgress) -> Wit
     Where they are most of a view, the view is wrong. If the rest is no noise either, they may be none: they must be
     most of what is wrong, or move a value by more than its error.
     """
-    named = [f.share for f in seen.found if not f.fault.unnamed]
-    sure = any(f.fault.beside or f.fault.kind == "bound" for f in seen.found) or max(named, default=0.0) > SMALL
+    sure = any(
+        f.fault.beside or f.fault.kind == "bound" or (f.share > SMALL and not f.fault.unnamed) for f in seen.found
+    )
     if fit.likelihood.loss != "squares" or sure or not fit.determined.any():
         return None
     report_progress("what single pixels show")

@@ -27,23 +27,22 @@ RANGE = 0.4, 2.5  # of gammas that photographs have, and their inverses
 
 
 def by_gamma_or_law(taught: Taught) -> Taught:
-    """Return what was taught, or, if a gamma explains the photographs and not a law of k_d, what Lambert's law teaches.
+    """Return what was taught, or what Lambert's law teaches where a gamma explains the photographs better, with a note.
 
-    Through a wrong gamma a matte thing looks as if it were rough, or as if light entered it. A note says which it is.
+    Through a wrong gamma a matte thing looks as if it were rough, or as if light entered it.
     """
     unfit = len(taught.views) < MIN_VIEWS or any(float(view.black) != 0.0 for view in taught.views)
     if unfit or all(bool(model.assumed.lambertian) for model in taught.models):
         return taught
     few, run = fewer(taught.sample), taught.run
     as_they_are = misfit_in_file(few, few, run.sample_at_minimum(few, taught.models[0]), 1.0)
-    gamma = lowest(partial(misfit_through, run), few, np.log(RANGE))
-    least = misfit_through(run, few, gamma)
+    gamma, least = lowest(partial(misfit_through, run), few, np.log(RANGE))
     if not as_they_are > CLEARLY * least:
         return taught
     text = (
-        f"the photographs are not linear: raised to about {gamma:.2g}, they agree with their texels to {least:.2%}, as "
-        f"they are to {as_they_are:.2%}. Read them with their own curve, or give the views a Sensor(gamma=...), which "
-        "lights.find_response finds."
+        f"the photographs are not linear: raised to about {gamma:.2g}, they have a misfit of {least:.2%}, and of "
+        f"{as_they_are:.2%} as they are. Read them with their own curve, or give the views a Sensor(gamma=...); "
+        "lights.find_response finds the gamma."
     )
     return taught._replace(models=run.learn(taught.sample, every_assumption()[0])).noted(Note(text, "cause"))
 
@@ -76,7 +75,7 @@ def raised(sample: TexelTile, gamma: float) -> TexelTile:
     return eqx.tree_at(lambda tile: tile.target, sample, linear)
 
 
-def lowest(misfit: Misfit, sample: TexelTile, bounds: Float[np.ndarray, "2"]) -> float:
-    """Return where a misfit is least, between two logarithms of gamma."""
+def lowest(misfit: Misfit, sample: TexelTile, bounds: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    """Return the gamma at which a misfit is least, and that misfit, between two logarithms of gamma."""
     found: Any = minimize_scalar(lambda log: misfit(sample, float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
-    return float(np.exp(found.x))
+    return float(np.exp(found.x)), float(found.fun)

@@ -119,15 +119,15 @@ def _found(
         tried.append(misfit(sample, gamma))
     k = int(np.clip(np.argmin(tried), 1, len(GAMMAS) - 2))
     bounds = np.log(GAMMAS[[k - 1, k + 1]])
-    gamma = lowest(misfit, sample, bounds)
-    linear, least = misfit(sample, 1.0), misfit(sample, gamma)
+    gamma, least = lowest(misfit, sample, bounds)
+    linear = misfit(sample, 1.0)
     clear = min(tried[0], tried[-1]) > CLEAR_RATIO * least and GAMMAS[0] < gamma < GAMMAS[-1]
     left_out = []
     for group in range(GROUPS):
         report_progress("leaving out photographs", 0.5 + 0.5 * group / GROUPS)
         counts = sample.counts & (np.arange(len(views)) % GROUPS != group)[:, None]
         without = eqx.tree_at(lambda tile: tile.counts, sample, counts)
-        left_out.append(np.log(lowest(misfit, without, bounds)))
+        left_out.append(np.log(lowest(misfit, without, bounds)[0]))
     spread = float(jackknife_error(np.array(left_out)))
     notes = []
     if not clear:

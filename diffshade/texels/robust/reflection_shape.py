@@ -128,7 +128,7 @@ def notes_on_diffuse(shapes: Sequence[ReflectionShape]) -> tuple[Note, ...]:
         f"has it (Oren and Nayar 1994: B / A is {most}{r:.2g}). {allowed}"
     )
     translucent = (
-        "light goes into the surface and comes out around, as in wax, marble and skin, or its lamps are wide: it is "
+        "light enters the surface and comes out nearby, as in wax, marble and skin, or the lamps are wide: it is "
         f"lit until {most}{np.rad2deg(np.arcsin(min(w, 1.0))):.2g} degrees beyond where the light ends. {allowed}"
     )
     told = ((r, rough, "rough"), (w, translucent, "translucent"))
