@@ -227,10 +227,13 @@ def test_every_format_is_turned_alike(tmp_path, orientation):
         "a.webp": by.saved(stored / 255, "WEBP", exif=tags),
         "8.tif": image_files.tiff(stored, orientation=orientation),
         "16.tif": image_files.tiff(stored.astype(np.uint16) * 257, orientation=orientation),
+        "32.tif": image_files.tiff(stored.astype(np.float32) / 255, orientation=orientation),
+        "grey.tif": image_files.tiff(stored[..., 0], orientation=orientation),
     }
     for name, data in files.items():
         (tmp_path / name).write_bytes(data)
-        np.testing.assert_allclose(ds.read_image(tmp_path / name, srgb=False), UPRIGHT / 255, atol=0.012)
+        image = ds.read_image(tmp_path / name, srgb=False)
+        np.testing.assert_allclose(image, UPRIGHT[..., : image.shape[2]] / 255, atol=0.012)
         stated = statement_of(tmp_path / name)
         assert (stated.orientation, stated.size) == (orientation, stored.shape[:2])
     inside = ds.read_mask(tmp_path / "16.png")
