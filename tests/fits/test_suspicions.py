@@ -11,8 +11,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 import pytest
-from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, standard_fit
-from synthetic import CAMERA, noisy, photograph, seen_by, standard_scene
+from scenarios import PATCH, clean_fit, clean_images, grazing, noisy_fit, standard_fit, turned
+from synthetic import CAMERA, noisy, photograph, standard_scene
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
@@ -30,9 +30,6 @@ from diffshade.inverse.misfit.regions import MeanPrediction, cast_shadows, cente
 from diffshade.inverse.misfit.set_up import SetUp
 from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.verdicts.stability import FitWithout
-
-PATCH = np.zeros(CAMERA.shape, bool)
-PATCH[9:15, 8:14] = True
 
 
 @cache
@@ -172,14 +169,6 @@ def test_what_faults_add_to_the_errors_of_a_fit_widens_errors_and_intervals():
 # --- faults
 
 
-def turned(vector, degrees):
-    """A vector turned about an axis at right angles to it."""
-    axis = np.cross(vector, (0, 1, 0))
-    axis /= np.linalg.norm(axis)
-    angle = np.deg2rad(degrees)
-    return vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
-
-
 def test_images_that_fit_exactly_raise_no_suspicion():
     assert suspicions(clean_fit()) == ()
 
@@ -212,34 +201,6 @@ def test_faults_of_several_kinds_are_told_apart_with_their_sizes_and_places():
     assert "views[4]" in shadow.sentence
     assert "row 12, column 10" in shadow.sentence
     assert "View.mask" in shadow.sentence
-
-
-@pytest.mark.thorough
-def test_an_encoding_is_found_and_nothing_else():
-    (found,) = suspicions(standard_fit([ds.srgb_encode(image) for image in noisy_images()]))
-    assert (found.kind, found.region, found.views) == ("encoding", None, tuple(range(8)))
-    assert "srgb=True" in found.sentence
-
-
-def grazing():
-    """1 - n.v of every pixel that shows the sphere, else 0."""
-    buffer = seen_by(CAMERA)
-    to_eye = np.array([0.0, 0.0, 4.0]) - np.asarray(buffer.position)
-    n_v = np.sum(np.asarray(buffer.normal) * to_eye, -1) / np.linalg.norm(to_eye, axis=-1)
-    return np.where(np.asarray(buffer.mask), 1.0 - n_v, 0.0)
-
-
-@pytest.mark.slow
-def test_a_bright_rim_is_found():
-    extra = 0.15 * grazing()[..., None] ** 4 * np.array([0.6, 0.4, 0.25])
-    (found,) = suspicions(standard_fit([image + extra for image in noisy_images()]))
-    assert found.kind == "rim"
-    expected = grazing() > 0.65
-    assert found.region is not None
-    assert len(found.region) == 8
-    assert all((region == expected).mean() > 0.95 for region in found.region)
-    assert "8 views (views[0] to views[7])" in found.sentence
-    assert f"{sum(region.sum() for region in found.region):,} pixels" in found.sentence
 
 
 def test_a_fault_of_all_views_is_named_with_its_size_and_the_errors_contain_what_it_moves():

@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 from measured import measured
+from scenarios import PATCH, grazing, turned
 from synthetic import (
     CAMERA,
     FREE,
@@ -29,8 +30,6 @@ from diffshade.inverse.misfit.regions import GRAZING_COSINE
 MATERIAL_FREE = ("k_a", "k_d", "k_s", "n_s")
 MATTE = ds.Material(MATERIAL.k_a, MATERIAL.k_d, k_s=0.0, n_s=1)
 BLINN = ds.Material(MATERIAL.k_a, MATERIAL.k_d, MATERIAL.k_s, n_s=50, lobe=ds.Blinn())
-PATCH = np.zeros(CAMERA.shape, bool)
-PATCH[9:15, 8:14] = True
 
 
 def fitted(images, *, scene=None, only=None, view=None, **options):
@@ -46,14 +45,6 @@ def position(scene, light):
     lamp = scene.lights[light]
     assert isinstance(lamp, ds.PointLight)
     return np.asarray(lamp.position)
-
-
-def turned(vector, degrees):
-    """A vector turned about an axis at right angles to it."""
-    axis = np.cross(vector, (0, 1, 0))
-    axis /= np.linalg.norm(axis)
-    angle = np.deg2rad(degrees)
-    return vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
 
 
 def taken_from_elsewhere(images, light, degrees):
@@ -74,14 +65,6 @@ def seen_from_surface(here, there):
 def shadowed(images, view):
     return [np.where(PATCH[..., None], photograph(standard_scene(), CAMERA, ()), image) if i == view else image
             for i, image in enumerate(images)]  # fmt: skip
-
-
-def grazing():
-    """1 - n.v of every pixel that shows the sphere, else 0."""
-    buffer = seen_by(CAMERA)
-    to_eye = np.array([0.0, 0.0, 4.0]) - np.asarray(buffer.position)
-    n_v = np.sum(np.asarray(buffer.normal) * to_eye, -1) / np.linalg.norm(to_eye, axis=-1)
-    return np.where(np.asarray(buffer.mask), 1.0 - n_v, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -268,6 +251,8 @@ def test_a_bright_rim_is_found(clean):
         expected = grazing() > 1.0 - GRAZING_COSINE
         assert found.region is not None
         assert all((region == expected).mean() > 0.95 for region in found.region)
+        assert f"{sum(region.sum() for region in found.region):,} pixels" in found.sentence
+        assert ("8 views (views[0] to views[7])" in found.sentence) == (only is None)
 
 
 # --- several objects

@@ -7,7 +7,7 @@ import numpy as np
 import diffshade as ds
 
 
-def ball_under_distant_lights(folder: Path, size: int = 24, count: int = 8) -> Path:
+def ball_under_distant_lights(folder: Path, size: int = 24, count: int = 8, suffix: str = ".exr") -> Path:
     """Render the ball, and write the folder."""
     folder.mkdir()
     y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j] * 1.05
@@ -21,10 +21,10 @@ def ball_under_distant_lights(folder: Path, size: int = 24, count: int = 8) -> P
     camera, noise = ds.OrthographicCamera((0, 0, 1), shape=(size, size), local_viewer=False), np.random.default_rng(0)
     for i in range(count):
         image = np.asarray(ds.render(scene, camera, lit=i))
-        ds.write_image(folder / f"{i}.exr", image + 0.002 * noise.standard_normal(image.shape))
+        ds.write_image(folder / f"{i}{suffix}", image + 0.002 * noise.standard_normal(image.shape))
     ds.write_image(folder / "mask.png", (z2 > 0)[..., None] * 1.0, srgb=False)
     np.save(folder / "normal_gt.npy", normals)
-    (folder / "filenames.txt").write_text("\n".join(f"{i}.exr" for i in range(count)))
+    (folder / "filenames.txt").write_text("\n".join(f"{i}{suffix}" for i in range(count)))
     np.savetxt(folder / "light_directions.txt", towards)
     np.savetxt(folder / "light_intensities.txt", np.ones((count, 3)))
     return folder

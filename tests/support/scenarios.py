@@ -19,6 +19,7 @@ from synthetic import (
     photograph,
     photographs,
     point_lights,
+    seen_by,
     standard_scene,
 )
 
@@ -27,10 +28,28 @@ from diffshade.diagnosis.forecasting import Forecast
 
 SIGMA = 0.005
 OF_MATERIAL = ("k_a", "k_d", "k_s", "n_s")
+PATCH = np.zeros(CAMERA.shape, bool)
+PATCH[9:15, 8:14] = True
 
 
 def same_but(scene: ds.Scene, where: Any, values: Iterable[Any]) -> ds.Scene:
     return eqx.tree_at(where, scene, [np.asarray(value, np.float64) for value in values])
+
+
+def turned(vector, degrees):
+    """A vector turned about an axis at right angles to it."""
+    axis = np.cross(vector, (0, 1, 0))
+    axis /= np.linalg.norm(axis)
+    angle = np.deg2rad(degrees)
+    return vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
+
+
+def grazing():
+    """1 - n.v of every pixel that shows the sphere, else 0."""
+    buffer = seen_by(CAMERA)
+    to_eye = np.array([0.0, 0.0, 4.0]) - np.asarray(buffer.position)
+    n_v = np.sum(np.asarray(buffer.normal) * to_eye, -1) / np.linalg.norm(to_eye, axis=-1)
+    return np.where(np.asarray(buffer.mask), 1.0 - n_v, 0.0)
 
 
 @cache
