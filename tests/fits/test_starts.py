@@ -93,8 +93,8 @@ def test_a_fit_may_begin_at_the_scenes_values():
     ("sensor", "steps", "near"),
     [
         (None, 1, False),
-        pytest.param(None, None, True, marks=pytest.mark.thorough),
-        pytest.param(ds.Sensor(blur=0.5), None, False, marks=pytest.mark.thorough),
+        (None, None, True),
+        (ds.Sensor(blur=0.5), None, False),
     ],
 )
 def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(sensor, steps, near, monkeypatch):

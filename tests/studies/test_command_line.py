@@ -3,10 +3,8 @@
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,6 @@ from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
 from diffshade.cli import main
-from diffshade.report.lecture import FIGURES
 
 PROGRAM = (sys.executable, "-m", "diffshade")
 
@@ -148,28 +145,6 @@ def test_the_shell_completes():
     assert completed("diffshade new x.toml --material em") == ["emerald"]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="there are no such signals on Windows.")
-def test_ctrl_c_leaves_no_half_written_file(tmp_path):
-    (tmp_path / "lecture").mkdir()
-    with subprocess.Popen(
-        [*PROGRAM, "figures", "lecture"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as running:
-        while running.poll() is None and not list((tmp_path / "lecture").glob("[0-9]*.png")):  # at work
-            time.sleep(0.05)
-        running.send_signal(signal.SIGINT)
-        out, err = running.communicate(timeout=120)
-    assert running.returncode == 130
-    assert out == ""
-    # XLA says of some machines, on lines of its own, that a program from its cache was made for another one
-    own = [line for line in err.splitlines() if line and "cpu_aot_loader" not in line]
-    assert own == ["diffshade: stopped; unfinished files are left as they were."]
-    left = list((tmp_path / "lecture").iterdir())
-    assert 0 < len(left) < len(FIGURES)
-    for path in left:
-        assert re.fullmatch(r"\d\d_\w+\.png", path.name)
-        assert ds.read_image(path).size
-
-
 def test_it_ends_quietly_where_nobody_reads_on(tmp_path):
     command = " ".join(PROGRAM) + " --help | head -1; echo ${PIPESTATUS[0]}"
     shut = subprocess.run(
@@ -182,9 +157,3 @@ def test_it_ends_quietly_where_nobody_reads_on(tmp_path):
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True, cwd=tmp_path)
     assert done.stdout.splitlines() == ["Usage: diffshade [OPTIONS] COMMAND [ARGS]...", "0"]
     assert done.stderr == ""
-
-
-def test_the_module_is_the_program():
-    done = subprocess.run([*PROGRAM], capture_output=True, text=True, check=False)
-    assert done.returncode == 0
-    assert "Commands:" in done.stdout

@@ -75,7 +75,6 @@ def assert_errors_hold(fit: ds.Fit, truth: dict[str, float], most: float = 2.5) 
             assert abs(value - truth[name]) < most * error
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("count", [1, 4, 12])
 @pytest.mark.parametrize(("ratio", "k_s"), [(0.1, 0.2), (0.3, 0.0), (0.3, 0.2)])
 def test_a_rough_sphere_is_named_and_its_errors_hold(ratio, k_s, count):
@@ -88,7 +87,6 @@ def test_a_rough_sphere_is_named_and_its_errors_hold(ratio, k_s, count):
     assert_errors_hold(fit, truth)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("count", [1, 4, 12])
 @pytest.mark.parametrize("w", [0.05, 0.1, 0.2, 0.4])
 def test_a_translucent_sphere_is_named_and_its_errors_hold(w, count):
@@ -97,7 +95,6 @@ def test_a_translucent_sphere_is_named_and_its_errors_hold(w, count):
     assert_errors_hold(fit, truth, 3.0)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("count", [1, 4])
 @pytest.mark.parametrize("width", [0.15, 0.3, 0.5])
 def test_a_distant_light_of_some_extent_is_named_and_errors_hold(width, count):
@@ -171,7 +168,6 @@ def texels_of(of: Photographed) -> tuple[ds.TexelMaps, set[str]]:
     return maps, {note.kind for note in maps.notes if isinstance(note, Note)}
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("w", [0.05, 0.2])
 @pytest.mark.parametrize("count", [8, 20])
 def test_normals_of_a_translucent_relief_hold_and_a_note_says_so(w, count):
@@ -184,7 +180,6 @@ def test_normals_of_a_translucent_relief_hold_and_a_note_says_so(w, count):
     assert "cause" not in kinds
 
 
-@pytest.mark.thorough
 def test_photographs_with_a_gamma_are_no_photographs_of_wax():
     maps, kinds = texels_of(relief(0.0, 20, gamma=1 / 2.2))
     assert not {"translucent", "rough"} & kinds

@@ -33,7 +33,6 @@ def grey_ball():
     return [np.asarray(image)[part] for image in images], lights, normal[part], (z2 > 0.15)[part]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("count", [*(pytest.param(n, marks=pytest.mark.slow) for n in (12, 9, 8)), 6])
 def test_a_grey_ball_has_no_patches(grey_ball, count):
     images, lights, normal, mask = grey_ball
@@ -65,7 +64,6 @@ def check(material: str, count: int, cone: float, **how) -> None:
     assert held.mean() >= 0.5
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("material", "count"),
     [("matte", 6), *(pytest.param(m, n, marks=pytest.mark.slow) for m, n in (("two", 8), ("metal", 12)))],
@@ -74,7 +72,6 @@ def test_few_photographs_beat_least_squares(material, count):
     check(material, count, 60.0, off=1.0, cast=True)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("count", "cone"), [(12, 60.0), *(pytest.param(*of, marks=pytest.mark.slow) for of in ((6, 40.0), (24, 80.0)))]
 )
@@ -104,7 +101,6 @@ def levels_of(maps: ds.TexelMaps) -> list[str]:
     return [note for note in maps.notes if isinstance(note, Note) and note.kind == "black"]
 
 
-@pytest.mark.thorough
 def test_a_level_that_all_photographs_share_is_told_and_undone(tmp_path):
     of = bumpy("glossy", 12, 50.0)
     hazy = [dataclasses.replace(view, image=np.asarray(view.image) + 0.01) for view in of.views]
@@ -119,7 +115,6 @@ def test_a_level_that_all_photographs_share_is_told_and_undone(tmp_path):
     assert ds.read_maps(tmp_path).black == undone.black == pytest.approx(0.01, rel=0.02)
 
 
-@pytest.mark.thorough
 def test_where_light_reaches_everything_no_level_is_told():
     """Under six lights near the camera the darkest is seen at grazing light, and without it the texels agree better."""
     of = bumpy("matte", 6, 20.0, cast=True)
@@ -142,7 +137,6 @@ def test_a_level_added_to_real_photographs_moves_nothing(name):
     assert len(levels_of(found[1])) == 1
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("material", "count"),
     [("glossy", 12), *(pytest.param(m, n, marks=pytest.mark.slow) for m in ("matte", "metal") for n in (12, 48))],
@@ -164,7 +158,6 @@ def test_a_light_that_is_off_and_swapped_photographs_are_named(material, count):
     assert "views[8]" in note
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("material", "count"), [("glossy", 12), *(pytest.param("matte", n, marks=pytest.mark.slow) for n in (12, 48))]
 )

@@ -67,11 +67,3 @@ def test_its_spread_is_the_jackknifes_size(off):
     assert np.all((spread > 0.5 * errors) & (spread < 1.6 * errors))
     k_d = [name.startswith("k_d") for name in fit.names]
     assert np.all(spread[k_d] > 3 * fit.plain_errors[k_d])
-
-
-def test_two_views_are_refused(off):
-    fit = ds.fit(standard_scene(), one_light_each(off)[:2], free=("k_d",))
-    with pytest.raises(
-        ValueError, match=r"bootstrap needs at least three views with different cameras or lights; got 2\."
-    ):
-        ds.bootstrap(fit)

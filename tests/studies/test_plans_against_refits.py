@@ -104,7 +104,6 @@ def test_the_first_choice_is_the_best_and_the_errors_are_those_of_refits(fit):
     check_the_plan_against_refits(fit, draws=60)
 
 
-@pytest.mark.slow
 def test_the_first_choice_is_the_best_over_200_draws(fit):
     check_the_plan_against_refits(fit, draws=200)
 

@@ -57,18 +57,14 @@ def share_inside(count: int, fits: int, *, off: float = 0.0) -> float:
     return float(np.mean(inside))
 
 
-@pytest.mark.parametrize(
-    ("count", "fits"), [(3, 60), *(pytest.param(count, 500, marks=pytest.mark.slow) for count in (2, 3, 5, 8))]
-)
+@pytest.mark.parametrize(("count", "fits"), [(3, 60), *((count, 500) for count in (2, 3, 5, 8))])
 def test_of_independent_noise(count, fits):
     own = 2.0 * np.sqrt(0.05 * 0.95 / (4.0 * fits))  # of the study: the ten numbers of a fit go partly together
     spare = 0.0 if fits == 500 else own
     assert 0.935 - spare < share_inside(count, fits) < 0.97 + spare
 
 
-@pytest.mark.parametrize(
-    ("count", "fits"), [(5, 60), *(pytest.param(count, 300, marks=pytest.mark.slow) for count in (5, 8))]
-)
+@pytest.mark.parametrize(("count", "fits"), [(5, 60), *((count, 300) for count in (5, 8))])
 def test_of_lights_that_are_off_by_a_degree_and_three_percent(count, fits):
     assert share_inside(count, fits, off=1.0) > (0.9 if fits == 300 else 0.87)
 
@@ -78,7 +74,7 @@ def is_alarm(note: str) -> bool:
     return not (note.startswith(("errors:", "0 within")) or "strongly correlated" in note)
 
 
-@pytest.mark.parametrize("runs", [4, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("runs", [4, 400])
 def test_one_view_with_independent_noise_raises_no_alarm(runs):
     """Remarks in at most 7 % of the runs; 90 % of the intervals at most 1.5 times those of a noise that is known."""
     remarked, wider = 0, []

@@ -91,12 +91,8 @@ def by_the_image(base: Base) -> None:
 @pytest.mark.parametrize(
     ("options", "checks"),
     [
-        pytest.param({}, (by_lights_and_exposure, by_the_image), marks=pytest.mark.slow),
-        pytest.param(
-            {"loss": "cauchy", "priors": {"n_s": (40.0, 0.05)}},
-            (by_a_position, by_the_image),
-            marks=pytest.mark.slow,
-        ),
+        ({}, (by_lights_and_exposure, by_the_image)),
+        ({"loss": "cauchy", "priors": {"n_s": (40.0, 0.05)}}, (by_a_position, by_the_image)),
         ({"clipped": "tobit"}, (by_a_position,)),
     ],
     ids=["squares", "cauchy, with a prior", "tobit"],

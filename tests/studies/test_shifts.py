@@ -68,7 +68,6 @@ def slowly(names, but):
     return [name if name in but else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("name", slowly([*EVERY, "metal", "rti_dome"], ("matte", "diligent_cat", "rti_dome")))
 def test_photographs_that_did_not_move_are_left(name):
     scene, views = of(name)
@@ -76,7 +75,6 @@ def test_photographs_that_did_not_move_are_left(name):
     assert found_in(scene, disturbed(views)[0]) is None
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("exposed", slowly([False, True], (True,)))
 @pytest.mark.parametrize("name", slowly(EVERY, ("matte", "diligent_cat")))
 def test_shifts_are_found_within_their_errors(name, exposed):
@@ -109,7 +107,6 @@ def test_normals_of_shifted_photographs_are_those_of_right_ones(name, count):
     assert after < before + SLACK
 
 
-@pytest.mark.thorough
 def test_highlights_that_cover_a_plate_are_neither_shifts_nor_turned_lights():
     """The search for shifts is deceived by them; what left-out photographs show is not."""
     of = metal_plate(24)

@@ -23,7 +23,7 @@ def test_of_the_model_itself_nothing_moves(sigma, seed):
 
 
 @pytest.mark.parametrize("clipped", ["hinge", "exclude"])
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_of_clipped_photographs_of_the_model_nothing_moves(clipped, seed):
     scene = standard_scene()
     images = [np.minimum(image, 0.45) for image in noisy(photographs(scene), 0.01, seed)]
@@ -69,7 +69,6 @@ def test_a_highlight_of_another_shape_is_not_determined_and_its_second_part_is_n
     assert "not determined" in next(line for line in str(examination).splitlines() if line.startswith("n_s"))
 
 
-@pytest.mark.slow
 def test_the_ball_has_a_diffuse_colour_and_no_exponent():
     fit = ds.fit(*ds.read_photographs(measured("diligent_ball")), free=("k_a", "k_d", "k_s", "n_s"))
     examination = ds.examine(fit)

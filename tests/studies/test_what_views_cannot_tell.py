@@ -155,13 +155,6 @@ def test_how_a_view_says_which_lights_are_on_does_not_hide_that_it_is_one_again(
     assert any("views.1.exposure" in note or "exposure" in note for note in fit.notes if "do not determine" in note)
 
 
-def test_a_burst_that_is_foreseen_counts_as_often_as_it_will_be_taken():
-    scene, blank = standard_scene(), np.zeros((*CAMERA.shape, 3))
-    one, four = (ds.forecast(scene, [ds.View(blank, CAMERA)] * n, free=("k_d", "k_s")) for n in (1, 4))
-    np.testing.assert_allclose(one.errors / four.errors, 2.0, rtol=1e-9)
-    assert not four.notes
-
-
 # --- gauges
 
 ONE_LIGHT = standard_scene(lights=[standard_scene().lights[0]])
@@ -209,13 +202,6 @@ def test_one_distance_does_not_tell_linear_from_quadratic():
     (said,) = the_gauges(fit)
     assert "cannot separate linear and quadratic" in said
     assert "example quadratic" in said
-
-
-def test_the_intensity_of_a_light_that_is_never_lit_is_not_freed():
-    scene = standard_scene(lights=[*ONE_LIGHT.lights, ds.DirectionalLight((0, 0, -1), 0.5)])
-    views = one_photograph(ONE_LIGHT, lit=0)
-    with pytest.raises(ValueError, match=r"lights.1.intensity cannot be freed: its light is on in no view"):
-        ds.fit(forget(scene, ("k_d",)), views, free=("k_d", "lights.1.intensity"))
 
 
 def test_a_light_that_lights_nothing_is_not_determined_either():

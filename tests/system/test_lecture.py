@@ -167,7 +167,7 @@ def test_a_dark_figure_has_light_words_and_the_same_pictures():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("suffix", [".svg", pytest.param(".pdf", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("suffix", [".svg", ".pdf"])
 def test_svg_and_pdf_hold_the_picture_and_the_curves(suffix, tmp_path):
     (path,) = ds.lecture.write_figures(tmp_path, only="coloured_glass", suffix=suffix, dark=True)
     assert path.name == f"30_coloured_glass{suffix}"

@@ -178,7 +178,7 @@ def test_what_is_left_of_a_colour():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("radial", [False, True])
-@pytest.mark.parametrize("eta", [None, pytest.param(1.5, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("eta", [None, 1.5])
 def test_parallel_rays_are_fogged_by_their_own_length(radial, eta):
     """A wall 4 before the camera, behind glass and beside it: (1 - s) I_dc alone, s = exp(-4/2) everywhere."""
     camera = ds.OrthographicCamera((0.4, 0.3, 4), target=(0.4, 0.3, 0), height=5, shape=(6, 6))

@@ -51,7 +51,7 @@ def of_glass_and_textures(band: slice | np.ndarray, bands: int) -> ds.Scene:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("scene", [of_every_colour, pytest.param(of_glass_and_textures, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("scene", [of_every_colour, of_glass_and_textures])
 def test_each_band_is_what_red_green_and_blue_show_of_it(scene):
     whole = np.asarray(ds.render(scene(slice(None), 31), CAMERA))
     assert whole.shape == (*CAMERA.shape, 31)

@@ -92,7 +92,7 @@ def test_what_is_stored_is_not_repeated_in_what_shares_it():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="the CPU's compiler")
-@pytest.mark.parametrize("wall", [False, pytest.param(True, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("wall", [False, True])
 def test_the_gradient_through_glass_grows_little_where_it_is_compiled(wall):
     """Without barriers by 4.1 and 18, and takes a minute."""
     camera, lamp = ds.Camera((0.3, 0.5, 5), shape=(4, 4)), ds.PointLight((2, 3, 4))

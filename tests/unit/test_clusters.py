@@ -44,7 +44,7 @@ def inside(found: Clusters) -> np.ndarray:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("count", [2, 3, pytest.param(5, marks=pytest.mark.thorough), 8])
+@pytest.mark.parametrize("count", [2, 3, 5, 8])
 def test_of_independent_noise_two_errors_hold_the_truth(count):
     """Of 300 times 4 numbers, so that .6 % is the error of the share; a study has more."""
     found = [clusters(count, seed, 0.0) for seed in range(300)]
@@ -54,7 +54,7 @@ def test_of_independent_noise_two_errors_hold_the_truth(count):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("count", [5, 8])
-@pytest.mark.parametrize("shared", [pytest.param(0.1, marks=pytest.mark.thorough), 0.3, 1.0])
+@pytest.mark.parametrize("shared", [0.1, 0.3, 1.0])
 def test_of_views_with_errors_of_their_own_they_do_too(count, shared):
     """From errors too small to be told from noise to errors that noise is nothing beside."""
     found = [clusters(count, seed, shared) for seed in range(100)]

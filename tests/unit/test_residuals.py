@@ -397,7 +397,7 @@ def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
 @pytest.mark.parametrize(
     ("free", "options", "noise", "shared"),
     [
-        pytest.param("direction", {}, ds.Noise(0.01, 0.1), True, marks=pytest.mark.thorough),
+        ("direction", {}, ds.Noise(0.01, 0.1), True),
         ("k_d", {}, None, False),  # each chunk has what its lights do there
         ("k_d", {"rendered": True}, None, True),
     ],

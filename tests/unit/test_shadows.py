@@ -17,7 +17,7 @@ DOWN = ds.DirectionalLight((0, -1, 0))
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("number", [0, *(pytest.param(i, marks=pytest.mark.thorough) for i in range(1, 10))])
+@pytest.mark.parametrize("number", [0, *(i for i in range(1, 10))])
 def test_povray_lights_the_same_pixels(number):
     """But for pixels on an edge."""
     scene, camera = list(scenes())[number]
