@@ -80,18 +80,6 @@ def test_its_errors_are_honest():
     assert fit.rmse == pytest.approx(SIGMA, rel=0.06)
 
 
-@pytest.mark.thorough
-def test_a_direction_is_fitted_as_a_unit_vector_that_does_not_vary_along_itself():
-    fit = with_noise()
-    of = [fit.names.index(f"direction.{axis}") for axis in "xyz"]
-    d, C = fit.values[of], fit.covariance[np.ix_(of, of)]
-    assert np.linalg.norm(d) == pytest.approx(1.0, abs=1e-12)
-    np.testing.assert_array_equal(fit.scene.lights[0].direction, d)  # pyright: ignore[reportAttributeAccessIssue]
-    assert np.abs(C @ d).max() < 1e-12 * np.abs(C).max()
-    off = d - fit.values_in(truth())[of]
-    assert off @ np.linalg.pinv(C, rcond=1e-6) @ off < 20.0  # chi-squared with 2 degrees of freedom
-
-
 # --- exposure and black of each view
 
 

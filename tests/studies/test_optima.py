@@ -7,11 +7,11 @@ import optimistix as optx
 import pytest
 from solver_witness import (
     all_residuals,
-    assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth,
     assert_gram_is_that_of_a_dense_jacobian,
-    assert_the_material_is_in_the_unit_of_the_photographs,
-    assert_the_optimum_is_that_of_scipy,
-    assert_units_of_residuals_change_neither_steps_nor_values,
+    assert_is_a_minimum_within_bounds,
+    at_ends,
+    cost,
+    scipy_optimum,
     three_views,
 )
 from synthetic import FREE, MATERIAL, TIED, noisy, one_light_each, photographs, standard_scene
@@ -48,8 +48,9 @@ K_S_BELOW_TRUTH, N_S_BELOW_TRUTH, N_S_ABOVE_TRUTH = {"k_s": (0.0, 0.3)}, {"n_s":
 K_A = ds.Material(k_a=0.0, k_d=MATERIAL.k_d, k_s=MATERIAL.k_s, n_s=50)
 K_S_GREEN = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=(0.5, 0.0, 0.45), n_s=50)
 
-
+QUICK = "bounds on k_d and k_a"
 ENDS = {
+    QUICK: ({"bounds": {"k_d": (0.3, 0.5), "k_a": (0.07, 0.09)}}, {"k_d.r", "k_d.b"}),
     "interior": ({}, set()),
     "k_a = 0": ({"material": K_A, "seed": 1}, {"k_a.b"}),
     "one channel of k_s = 0": ({"material": K_S_GREEN, "seed": 1}, {"k_s.g"}),
@@ -60,15 +61,32 @@ ENDS = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("options", "at_a_bound"), ENDS.values(), ids=ENDS)
-def test_within_bounds_the_optimum_is_that_of_scipy(options, at_a_bound):
-    assert_the_optimum_is_that_of_scipy(three_views(**options), at_a_bound)
+@pytest.mark.parametrize("case", [QUICK, *(pytest.param(of, marks=pytest.mark.slow) for of in ENDS if of != QUICK)])
+def test_within_bounds_the_optimum_is_that_of_scipy(case):
+    options, at_a_bound = ENDS[case]
+    solver = three_views(**options)
+    end = solver.run()
+    theta, gram = np.asarray(end.point.theta), end.point.total
+    assert end.message == ""
+    assert_is_a_minimum_within_bounds(theta, gram, solver)
+    bound = np.logical_or(*at_ends(theta, solver))
+    assert at_a_bound <= {u.name for u, there in zip(solver.unknowns, bound, strict=True) if there}
+    witness = scipy_optimum(solver)
+    np.testing.assert_allclose(theta, witness.x, atol=1e-6)
+    np.testing.assert_allclose(float(gram.cost), witness.cost, rtol=1e-9)
+    assert_gram_is_that_of_a_dense_jacobian(end.point, solver)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", range(3))
 def test_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed):
-    assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed)
+    """With k_s at 0 the cost does not know n_s: the optimum is not one point, so SciPy is no witness."""
+    matte = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=0.0, n_s=10)
+    solver = three_views(matte, seed=seed)
+    end = solver.run()
+    theta, gram = np.asarray(end.point.theta), end.point.total
+    assert_is_a_minimum_within_bounds(theta, gram, solver)
+    truth = np.concatenate([*(np.asarray(k) for k in (matte.k_a, matte.k_d, matte.k_s)), [np.log(10), 0.09, 0.032]])
+    assert float(gram.cost) <= cost(truth, solver.witness)
 
 
 @pytest.mark.parametrize("n_s", [2.0, 1000.0])
@@ -89,6 +107,14 @@ def test_a_broad_and_a_sharp_highlight_are_found_from_the_default_start(n_s, sig
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1e2, 1e4])
-def test_units_do_not_matter(scale):
-    assert_units_of_residuals_change_neither_steps_nor_values(scale)
-    assert_the_material_is_in_the_unit_of_the_photographs(scale)
+def test_the_unit_of_the_residuals_changes_neither_steps_nor_values(scale):
+    """optimistix's own damping is absolute: it takes 8 steps at scale 1 and 34 at 1e-4."""
+    scene = standard_scene()
+    images = noisy(photographs(scene), 0.005, 0)[:3]
+    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
+    exposed = one_light_each([scale * image for image in images], exposure=scale)
+    other = ds.fit(scene, exposed, free=FREE, tied=TIED)
+    assert abs(one.steps - other.steps) <= 1
+    np.testing.assert_allclose(other.values, one.values, rtol=1e-9)
+    np.testing.assert_allclose(other.plain_errors, one.plain_errors, rtol=1e-6)
+    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)

@@ -19,7 +19,6 @@ from synthetic import (
     standard_scene,
 )
 
-import diffshade as ds
 from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.fitting import new_problem
 from diffshade.inverse.forward.gram import Gram, Point
@@ -122,51 +121,3 @@ def assert_gram_is_that_of_a_dense_jacobian(point: Point, solver: Solver) -> Non
     np.testing.assert_allclose(whole(point.views, len(theta)).hessian.sum(0), H, rtol=1e-12)
     np.testing.assert_allclose(H, J.T @ J, rtol=1e-8, atol=1e-8 * np.abs(J.T @ J).max())
     np.testing.assert_allclose(point.total.gradient, J.T @ r, atol=1e-8 * np.abs(J).sum() * np.abs(r).max())
-
-
-def assert_the_optimum_is_that_of_scipy(solver: Solver, at_a_bound: set[str]) -> None:
-    end = solver.run()
-    theta, gram = np.asarray(end.point.theta), end.point.total
-    assert end.message == ""
-    assert_is_a_minimum_within_bounds(theta, gram, solver)
-    bound = np.logical_or(*at_ends(theta, solver))
-    assert at_a_bound <= {u.name for u, there in zip(solver.unknowns, bound, strict=True) if there}
-    witness = scipy_optimum(solver)
-    np.testing.assert_allclose(theta, witness.x, atol=1e-6)
-    np.testing.assert_allclose(float(gram.cost), witness.cost, rtol=1e-9)
-    assert_gram_is_that_of_a_dense_jacobian(end.point, solver)
-
-
-def assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed: int) -> None:
-    """With k_s at 0 the cost does not know n_s: the optimum is not one point, so SciPy is no witness."""
-    matte = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=0.0, n_s=10)
-    solver = three_views(matte, seed=seed)
-    end = solver.run()
-    theta, gram = np.asarray(end.point.theta), end.point.total
-    assert_is_a_minimum_within_bounds(theta, gram, solver)
-    truth = np.concatenate([*(np.asarray(k) for k in (matte.k_a, matte.k_d, matte.k_s)), [np.log(10), 0.09, 0.032]])
-    assert float(gram.cost) <= cost(truth, solver.witness)
-
-
-def assert_units_of_residuals_change_neither_steps_nor_values(scale: float) -> None:
-    """optimistix's own damping is absolute: it takes 8 steps at scale 1 and 34 at 1e-4."""
-    scene = standard_scene()
-    images = noisy(photographs(scene), 0.005, 0)[:3]
-    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
-    exposed = one_light_each([scale * image for image in images], exposure=scale)
-    other = ds.fit(scene, exposed, free=FREE, tied=TIED)
-    assert abs(one.steps - other.steps) <= 1
-    np.testing.assert_allclose(other.values, one.values, rtol=1e-9)
-    np.testing.assert_allclose(other.plain_errors, one.plain_errors, rtol=1e-6)
-    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)
-
-
-def assert_the_material_is_in_the_unit_of_the_photographs(scale: float) -> None:
-    """The start, k = 0.3, is then far from the answer: n_s and the attenuation must not run away from it."""
-    scene = standard_scene()
-    images = noisy(photographs(scene), 0.005, 0)[:3]
-    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
-    other = ds.fit(scene, one_light_each([scale * image for image in images]), free=FREE, tied=TIED)
-    factor = np.array([scale if "k_" in name else 1.0 for name in one.names])
-    np.testing.assert_allclose(other.values, factor * one.values, rtol=1e-6)
-    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)

@@ -82,22 +82,6 @@ def test_the_jackknife_is_widened_by_students_t():
     assert "by jackknife over the" in found.sentence(["a", "b", "c", "d"])
 
 
-def test_what_the_cost_rises_by_is_the_square_of_the_errors_over_the_plain_ones():
-    for found in (clusters(8, 0, 0.0), clusters(8, 0, 1.0)):
-        ratio = (found.standard_errors() / found.evidence.plain_errors()) ** 2
-        np.testing.assert_allclose(found.rises(), found.evidence.sigma2 * ratio, rtol=1e-9)
-
-
-def test_clusters_that_agree_have_errors_of_noise_times_the_root_of_their_scatter():
-    several = [found for found in (clusters(5, seed, 0.0) for seed in range(10)) if not found.disagree]
-    assert any(f.scatter > 1 for f in several)
-    assert any(f.scatter < 1 for f in several)
-    for found in several:
-        np.testing.assert_allclose(
-            found.standard_errors(), np.sqrt(max(found.scatter, 1.0)) * found.evidence.plain_errors(), rtol=1e-12
-        )
-
-
 def test_one_view_has_the_errors_of_noise_and_says_what_it_cannot_show():
     found = independent(clusters(1, 0, 0.0).evidence, "1 view")
     np.testing.assert_allclose(found.wide_errors(), found.evidence.plain_errors(), rtol=0.03)

@@ -163,11 +163,6 @@ def test_planes_that_leave_out_0_are_closed_between_their_neighbours(tmp_path):
     np.testing.assert_allclose(lamp.profile.values, np.outer(relative, ROW / ROW.max()))
 
 
-def test_tilt_factors_are_passed_over(tmp_path):
-    text = ies([0], beam(0, VERTICAL)[None], tilt="TILT=INCLUDE\n1\n3\n0 45 90\n1 0.9 0.8", before="")
-    np.testing.assert_allclose(ds.lamps.read_lamp(write(tmp_path, "a.ies", text)).intensity, beam(0, VERTICAL).max())
-
-
 IES, LDT, PLANES = ies([0], ROW), ldt(1, 1, ROW), "\r\n1\r\n360"
 BAD = [
     ("a.ies", "IESNA\n1 2 3", "is not an IES file: it has no line TILT=. Give"),

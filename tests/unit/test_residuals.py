@@ -67,7 +67,6 @@ def test_what_is_lit():
         (np.zeros((10, 12, 41)), {}, ("View.image", "shape", "(10, 12, 41)", "40")),
         (np.zeros((10, 12, 3), np.uint8), {}, ("View.image", "uint8", "ds.read_image")),
         (np.zeros((10, 12, 3), bool), {}, ("View.image", "floats", "bool")),
-        (np.zeros((12, 10, 3)), {}, ("View.image", "camera's shape (10, 12)", "(12, 10)")),
         (DARK, {"mask": np.ones((12, 10), bool)}, ("View.mask", "image's shape", "(12, 10)")),
         (DARK, {"saturation": np.nan}, ("View.saturation", "number or None", "nan", "level")),
         (DARK, {"floor": np.nan}, ("View.floor", "number or None", "nan", "level")),
