@@ -10,7 +10,8 @@ import pytest
 from changed_fits import with_problem
 from grams import by_view
 from scenarios import noisy_fit
-from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
+from shots import with_shot
+from synthetic import CAMERA, FREE, TIED, photograph, seen_by
 
 import diffshade as ds
 from diffshade.diagnosis.planning import (
@@ -37,16 +38,6 @@ BELOW = ds.Shot(
     name="from below",
 )
 AGAIN = ds.Shot(name="the first again")
-
-
-def with_shot(scene: ds.Scene, shot: ds.Shot) -> tuple[ds.Scene, ds.View]:
-    """The scene with the shot's lamp, and the photograph that it would be, without noise."""
-    assert isinstance(shot.light, ds.PointLight)
-    lamp = ds.PointLight(shot.light.position, 1.0, ATTENUATION)
-    scene, lit = ds.Scene(scene.objects, (*scene.lights, lamp)), (len(scene.lights),)
-    camera = shot.camera or CAMERA
-    image = float(shot.exposure) * photograph(scene, camera, lit)
-    return scene, ds.View(image, camera, lit=lit, exposure=shot.exposure, saturation=np.inf)
 
 
 @pytest.mark.parametrize("shot", [FRONT, BELOW], ids=lambda shot: shot.name)
