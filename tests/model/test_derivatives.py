@@ -1,5 +1,5 @@
 """Derivatives of the whole model: those of finite differences away from the kinks, finite and on the documented side at
-them; and the table of what is differentiable, tests/support/DERIVATIVES.md.
+them.
 """
 
 import dataclasses
@@ -12,27 +12,23 @@ import pytest
 from derivatives import (
     CHANNELS,
     DARK,
-    EQUATIONS,
-    JUMPS,
+    ORDERS,
     PLACES,
     POINT,
     RIGHT,
     SCENES,
-    TABLE,
     UP,
     ZERO,
     at_corners,
     check_place,
     colour,
-    committed_orders,
     corner,
     derivatives_at,
     errors_in,
+    field_of,
     numeric_fields,
     path_of,
     slopes,
-    table,
-    worst_errors,
 )
 
 import diffshade as ds
@@ -62,22 +58,19 @@ def test_a_scene_has_the_derivative_of_finite_differences():
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=TIERS.get(n, pytest.mark.thorough)) for n in SCENES])
 def test_every_number_has_the_derivative_of_finite_differences(name):
-    claimed, errors = committed_orders(), errors_in(name)
-    for field, error in worst_errors({name: errors}).items():
-        order = claimed[field]
-        # ten times the claim: another machine rounds otherwise
+    errors = errors_in(name)
+    for path, _ in jax.tree.leaves_with_path(SCENES[name]):
+        field, error = field_of(SCENES[name], path), errors.get(path_of(path))
+        order = ORDERS.get(field, -9)
+        # ten times the order: another machine rounds otherwise
         assert error is None or (order is not None and error <= 10.0 ** (order + 1)), f"{field}: {error}, not 1e{order}"
     if "cut off" in name:  # a hard edge is a jump, which no derivative sees, and has no width
         assert [errors[f"0.lights.1.{field}"] for field in ("cutoff", "softness")] == [None, None]
 
 
-def test_the_table_is_that_of_the_checks_and_only_jumps_have_no_derivative():
-    claimed = committed_orders()
-    assert set(claimed) == set(numeric_fields())
-    assert {f"{kind}.{name}" for kind, names in EQUATIONS.items() for name in names} == set(claimed)
-    assert {field for field, order in claimed.items() if order is None} == JUMPS
-    assert max(order for order in claimed.values() if order is not None) <= -6
-    assert TABLE.read_text(encoding="utf-8") == table(claimed), "run python tests/support/derivatives.py"
+def test_every_number_of_the_model_is_in_a_scene():
+    seen = {field_of(tree, path) for tree in SCENES.values() for path, _ in jax.tree.leaves_with_path(tree)}
+    assert set(ORDERS) <= set(numeric_fields()) <= seen
 
 
 @pytest.mark.thorough
