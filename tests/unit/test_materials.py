@@ -97,7 +97,6 @@ NONE = [
     ({"fresnel": ds.Dielectric()}, "Material.eta must be given with fresnel=Dielectric(); got None. Give for example"),
     ({"eta": 0}, "Material.eta must be between 0.1 and 10; got 0. Give a value in that range."),
     ({"eta": 10.1}, "Material.eta must be between 0.1 and 10; got 10.1."),
-    ({"k_e": -1}, "Material.k_e must be at least 0; got (-1, -1, -1)."),
     ({"O_d": ()}, "Material.foley's O_d must be a colour of 1 or 3 numbers; got shape (0,)."),
     ({"O_d": "red"}, "Material.foley's O_d must be a colour of 1 or 3 numbers; got 'red'."),
     ({"O_d": 1, "k_a": -1}, "Material.foley's k_a must be at least 0; got (-1, -1, -1)."),

@@ -291,30 +291,22 @@ def test_bounds_of_a_direction_that_hold_a_unit_vector_will_do():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"free": ("kd",)}, ("'kd'", "Did you mean 'k_d'?")),
         ({"free": ("ns",)}, ("'ns'", "Did you mean 'n_s'?")),
         ({"free": ("attenuations",)}, ("'attenuations'", "Did you mean 'attenuation'?")),
         ({"free": ("lights.0.intensty",)}, ("'lights.0.intensty'", "Did you mean 'lights.0.intensity'?")),
-        ({"tied": ("kd",)}, ("no parameter is named 'kd'",)),
         ({"bounds": {"kd": (0.0, 1.0)}}, ("no parameter is named 'kd'",)),
         ({"free": ("0",)}, ("free names '0'", "a number alone", "Name what it counts")),
         ({"free": ("0.0",)}, ("free names '0.0'", "a number alone")),
-        ({"tied": ("k_s",)}, ("tied names 'k_s'", "not free", "Add it to free")),
         ({"bounds": {"k_s": (0.0, 1.0)}}, ("bounds names 'k_s'", "not free", "Add it to free")),
-        ({"bounds": {"k_d": (1.0, 0.5)}}, ("bounds of 'k_d'", "lower < upper", "(1, 0.5)")),
         ({"bounds": {"k_d": (0.5, 0.5)}}, ("bounds of 'k_d'", "lower < upper", "(0.5, 0.5)")),
         ({"bounds": {"k_d": (np.nan, 1.0)}}, ("bounds of 'k_d'", "lower < upper")),
-        ({"bounds": {"k_d": (-1.0, 1.0)}}, ("bounds of 'k_d'", "[0, inf]", "(-1, 1)")),
         ({"free": ("n_s",), "priors": {"n_s": (0.5, 0.0)}}, ("prior of 'n_s'", "above 0", "(0.5, 0)")),
         ({"free": ("n_s",), "priors": {"n_s": (np.nan, 1.0)}}, ("prior of 'n_s'", "finite", "(nan, 1)")),
-        ({"free": ("n_s",), "priors": {"n_s": (-1.0, 1.0)}}, ("prior of 'n_s'", "value above 0", "-1")),
         ({"free": ("n_s",), "priors": {"n_s": (1.0,)}}, ("prior of 'n_s'", "two numbers")),
-        ({"free": ("direction",), "scene": HARD, "bounds": {"direction": (0.6, 1.0)}}, ("direction", "no unit vector")),
         (
             {"free": ("direction",), "scene": HARD, "bounds": {"direction": (-0.5, 0.5)}},
             ("direction", "no unit vector"),
         ),
-        ({"free": ("cutoff",), "scene": HARD}, ("lights.0.cutoff", "softness is 0", "lights.0.softness")),
     ],
 )
 def test_what_names_nothing_or_is_no_range_is_refused(options, words):

@@ -16,12 +16,10 @@ IMAGE = np.full((8, 10, 3), 0.5)
 @pytest.mark.parametrize(
     ("arguments", "options", "said"),
     [
-        (([ds.View(IMAGE, CAMERA)], SCENE), {}, "scene must be a Scene; got"),
         ((SCENE, SCENE), {}, "views must be a View, or several; got"),
-        ((SCENE, ds.View(IMAGE, CAMERA)), {"constraints": "grey"}, r"constraints\[0\] must be .*; got 'grey'"),
         ((SCENE, ds.View(IMAGE, CAMERA)), {"free": "k_a, k_d"}, r"several names in one, .* \('k_a', 'k_d'\)"),
     ],
-    ids=["swapped", "no views", "constraints", "names"],
+    ids=["no views", "names"],
 )
 def test_arguments_of_a_fit(arguments, options, said):
     with pytest.raises((TypeError, ValueError), match=said):

@@ -65,12 +65,7 @@ def test_what_is_lit():
     [
         (DARK[..., None], {}, ("View.image", "shape", "(10, 12, 3, 1)")),
         (np.zeros((10, 12, 41)), {}, ("View.image", "shape", "(10, 12, 41)", "40")),
-        (np.zeros((10, 12, 3), np.uint8), {}, ("View.image", "uint8", "ds.read_image")),
-        (np.zeros((10, 12, 3), bool), {}, ("View.image", "floats", "bool")),
-        (DARK, {"mask": np.ones((12, 10), bool)}, ("View.mask", "image's shape", "(12, 10)")),
         (DARK, {"saturation": np.nan}, ("View.saturation", "number or None", "nan", "level")),
-        (DARK, {"floor": np.nan}, ("View.floor", "number or None", "nan", "level")),
-        (DARK, {"exposure": 0.0}, ("View.exposure", "above 0", "0.0", "Give 1")),
         (DARK, {"exposure": -1.0}, ("View.exposure", "above 0", "-1.0")),
         (DARK, {"exposure": np.inf}, ("View.exposure", "finite", "inf")),
         (DARK, {"exposure": (1.0, 2.0)}, ("View.exposure", "a number", "(2,)")),
@@ -171,26 +166,6 @@ def test_a_number_that_is_not_finite_is_named_by_row_and_column_unless_it_is_mas
 def test_a_corner_outside_the_silhouette_may_hold_anything():
     samples = find_samples(BALL, ds.View(changed(DARK, at=(0, 0), value=np.nan), SMALL))
     assert not samples.inside[0, 0]
-
-
-@pytest.mark.parametrize(
-    ("view", "words"),
-    [
-        (ds.View(DARK, SMALL, mask=np.zeros((10, 12), bool)), ("no pixel is left to fit", "mask")),
-        (ds.View(DARK, SMALL, lit=1), ("lit", "1 lights, from 0", "got 1")),
-        (ds.View(DARK, SMALL, lit=-1), ("lit", "1 lights, from 0", "got -1")),
-        (ds.View(DARK, SMALL, saturation=0.5), ("every pixel is saturated", "0.5", "shorter")),
-        (ds.View(np.ones_like(DARK), SMALL), ("every pixel is saturated", "at least 1.")),
-    ],
-)
-def test_a_view_that_leaves_nothing_to_fit_is_named_by_its_number(view, words):
-    views = [ds.View(DARK, SMALL), view]
-    unknowns = find_unknowns(BALL, views, ("k_d",))
-    refuses(
-        lambda: new_problem(BALL, ViewSet.of(BALL, views), unknowns, "squares", "hinge"),
-        "views[1]: ",
-        *words,
-    )
 
 
 def test_a_moving_surface_needs_a_mask_and_loses_one_pixel_of_its_edge():

@@ -70,16 +70,8 @@ def test_lights_of_one_kind_are_stacked():
 @pytest.mark.parametrize(
     ("make", "error", "words"),
     [
-        (lambda: ds.Scene(ds.Sphere()), TypeError, ("Scene.objects[0]", "an Object", "Sphere", "Object(Sphere()")),
         (lambda: ds.Scene([BALL, 5]), TypeError, ("Scene.objects[1]", "an Object", "int")),
-        (
-            lambda: ds.Scene(BALL, [ds.PointLight((1, 2, 3)), ds.Material()]),
-            TypeError,
-            ("Scene.lights[1]", "a Light", "Material", "PointLight("),
-        ),
-        (lambda: ds.Scene([]), ValueError, ("Scene.objects", "at least one Object", "Object(Sphere())")),
         (lambda: ds.Scene([BALL, NO_POSITIONS]), ValueError, ("without positions", "GBuffer.position", "only object")),
-        (lambda: ds.Scene([named("ball"), BALL, named("ball")]), ValueError, ("names", "'ball' twice", "Rename")),
         *((lambda name=name: named(name), ValueError, ("Object.name", "one word", repr(name))) for name in BAD_NAMES),
     ],
 )
