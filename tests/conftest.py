@@ -13,6 +13,7 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # programs from the cache el
 
 import jax
 import pytest
+from browser import chromium
 from jaxlib.version import __version__ as jaxlib_version
 from xdist.scheduler import LoadScopeScheduling
 
@@ -105,3 +106,20 @@ def few_programs():
     yield
     if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
         jax.clear_caches()
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write bytes under a name and give the path."""
+
+    def write(name, data):
+        (tmp_path / name).write_bytes(data)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("profile")) as running:
+        yield running

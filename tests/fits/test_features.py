@@ -2,11 +2,11 @@
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import own_parts
 import pytest
+from float64 import float64  # noqa: F401
 from grams import whole
 from synthetic import light_positions, seen_by, standard_scene
 
@@ -35,12 +35,6 @@ PHONG = ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), (0.5, 0.4, 0.3), 20)
 BLINN = ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), (0.5, 0.4, 0.3), 20, lobe=ds.Blinn())
 BOUNDS = {"k_d": (0.05, 0.3), "k_s": (0.1, 0.9), "k_s/k_d": (0.3, 2.0)}  # some of which hold, and none is dark
 ATTENUATED = ("k_a", "k_d", "k_s", "n_s", "attenuation")
-
-
-@pytest.fixture(autouse=True)
-def _float64():
-    with jax.enable_x64(True):
-        yield
 
 
 class Case(NamedTuple):

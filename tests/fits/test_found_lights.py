@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 from bumpy import bumpy
+from directions import unit
 from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
@@ -20,10 +21,6 @@ from diffshade.texels.tiles import ViewReader
 from tests.support.textured import angle, facing_us, lights_about, textured_ball
 
 COUNT, DEGREES, RELATIVE = 20, 2.0, 0.05
-
-
-def unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 def turned(directions: np.ndarray, degrees: float, seed: int) -> np.ndarray:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from grams import by_view, whole
+from textured import angles_to
 
 import diffshade as ds
 from diffshade.core.fields import parameter
@@ -43,11 +44,6 @@ def photographed(count: int, *, off: float = 2.0, noise: float = 0.005, seed: in
         views.append(ds.View(image + noise * rng.standard_normal(image.shape), CAMERA, lit=i))
     stated = towards + np.deg2rad(off) * rng.standard_normal(towards.shape)
     return ds.Scene(ball, [ds.DirectionalLight(-l) for l in stated]), views, towards
-
-
-def angles_to(scene, towards):
-    found = np.array([-np.asarray(light.direction) for light in scene.lights])
-    return np.rad2deg(np.arccos(np.clip(np.sum(found * towards, -1) / np.linalg.norm(found, axis=-1), -1.0, 1.0)))
 
 
 def test_directions_come_back_with_the_material():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from textured import angles_to
 
 import diffshade as ds
 from diffshade.inverse.data.view_sets import ViewSet
@@ -42,11 +43,6 @@ def turned_by(direction: np.ndarray, degrees: float) -> np.ndarray:
     return np.cos(np.deg2rad(degrees)) * direction + np.sin(np.deg2rad(degrees)) * across / np.linalg.norm(across)
 
 
-def off(scene: ds.Scene, towards: np.ndarray) -> np.ndarray:
-    found = np.array([-np.asarray(light.direction) for light in scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
-    return np.rad2deg(np.arccos(np.clip(np.sum(found * towards, -1) / np.linalg.norm(found, axis=-1), -1.0, 1.0)))
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("n_s", "error", "wrong"),
@@ -60,7 +56,7 @@ def test_lights_whose_narrow_highlights_lie_beside_the_photographs_are_found(n_s
     stated = moved(towards, error)
     stated[3] = turned_by(stated[3], wrong)
     fit = ds.fit(lit_from(stated), photographs(towards, material), free=FREE, light_error=error)
-    assert off(fit.scene, towards).max() < 0.15
+    assert angles_to(fit.scene, towards).max() < 0.15
     assert abs(float(fit.material.n_s) / n_s - 1.0) < 0.02
     assert fit.rmse == pytest.approx(0.005, rel=0.02)
 

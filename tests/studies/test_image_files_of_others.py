@@ -25,17 +25,6 @@ from PIL import Image
 from diffshade.io.images import read_image, write_image
 
 
-@pytest.fixture
-def file(tmp_path):
-    """Write bytes under a name and give the path."""
-
-    def write(name, data):
-        (tmp_path / name).write_bytes(data)
-        return tmp_path / name
-
-    return write
-
-
 @pytest.mark.parametrize(("suffix", "bits"), INTEGER)
 def test_every_grey_level_comes_back_through_the_curve(tmp_path, suffix, bits):
     full = 2**bits - 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from directions import unit
 
 import diffshade as ds
 from diffshade.inverse.data.photographs import read_folder
@@ -12,10 +13,6 @@ PIXELS = 25.0  # a scene unit
 APART, WIDE = 6.0, 5.0
 FRAME = (176, 276)
 SPREAD = 0.05  # radians of a lamp seen from the ball
-
-
-def unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 LAMPS = unit(np.array([(x, y, 1.2) for x in (-0.9, -0.3, 0.3, 0.9) for y in (-0.7, 0.0, 0.7)])) * np.random.default_rng(

@@ -10,8 +10,8 @@ import jax
 import numpy as np
 import own_parts
 import pytest
-from browser import chromium
 from changed_fits import with_problem
+from directions import unit
 from report_pages import LIGHTS, Page
 from scipy import ndimage
 from synthetic import photograph
@@ -103,10 +103,6 @@ def emitters(light):
     return [tuple(getattr(light, name, None) for name in ("position", "direction", "cutoff"))]
 
 
-def unit(vector):
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
-
-
 def expected(told, item, view, lights):
     """What `render` draws of one object in a view, as the page shows it, and where it may be compared."""
     camera = dataclasses.replace(view.camera, shape=ball_shape(view.camera.shape))
@@ -128,12 +124,6 @@ set("view", view);
 for (const [name, value] of Object.entries(values)) set(name, value);
 done([ball.querySelector("canvas").toDataURL(), ball.querySelector(".as-code").textContent]);
 """
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("profile")) as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import handmade_maps
 import made_maps
 import numpy as np
 import pytest
-from browser import chromium
 from maps_stage import Stage
 from report_pages import Page
 from scipy import ndimage
@@ -17,12 +16,6 @@ import diffshade as ds
 
 HEIGHT, WIDTH = made_maps.SHAPE
 KINDS = ("slider", "combobox", "radio", "button", "checkbox", "image")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("profile")) as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

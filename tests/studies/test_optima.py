@@ -1,10 +1,10 @@
 """The optimum of a fit is that of other solvers, whatever the bounds, the units and the highlight."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
+from float64 import float64  # noqa: F401
 from solver_witness import (
     all_residuals,
     assert_gram_is_that_of_a_dense_jacobian,
@@ -18,12 +18,6 @@ from synthetic import FREE, MATERIAL, TIED, noisy, one_light_each, photographs, 
 
 import diffshade as ds
 from diffshade.inverse.data.samples import find_samples
-
-
-@pytest.fixture(autouse=True)
-def _float64():
-    with jax.enable_x64(True):
-        yield
 
 
 @pytest.mark.parametrize("rendered", [False, True], ids=["features", "rendered"])

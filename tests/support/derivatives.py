@@ -18,6 +18,7 @@ import jax
 import jax.extend
 import jax.numpy as jnp
 import numpy as np
+from directions import unit
 from jax.flatten_util import ravel_pytree
 from public_names import PUBLIC
 
@@ -29,10 +30,6 @@ STEP = 3e-5
 DIRECTIONS = 96  # at once, whatever the scene: of each shape, every operation is compiled
 SMALL = 1e-3  # a derivative below it is not told from the rounding of the differences
 UP, DOWN, RIGHT = (0, 0, 1), (0, 0, -1), (1, 0, 0)
-
-
-def unit(a):
-    return a / np.linalg.norm(a, axis=-1, keepdims=True)
 
 
 def path_of(path):

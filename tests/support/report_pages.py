@@ -1,5 +1,7 @@
 """Report pages taken apart, and lights of every kind for their live ball."""
 
+import base64
+import hashlib
 from html.parser import HTMLParser
 
 import diffshade as ds
@@ -35,3 +37,20 @@ class Page(HTMLParser):
 
     def all(self, tag):
         return [(attributes, "".join(text)) for name, attributes, text in self.elements if name == tag]
+
+    def scripts(self):
+        """Return the programs, but not the data that stand in tags of scripts."""
+        return [text for attributes, text in self.all("script") if "type" not in attributes]
+
+    def assert_it_runs_its_own_scripts_alone(self):
+        """Assert that it asks for nothing from elsewhere, by its policy and by its elements."""
+        (policy,) = [a["content"] for a, _ in self.all("meta") if a.get("http-equiv") == "Content-Security-Policy"]
+        assert policy.startswith("default-src 'none'; img-src data:;")
+        assert "unsafe" not in policy
+        for text in self.scripts() + [text for _, text in self.all("style")]:
+            digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+            assert f"'sha256-{digest}'" in policy
+        for tag, attributes, _ in self.elements:
+            assert not [name for name in attributes if name.startswith("on") or name == "style"]
+            for name in ("src", "href"):
+                assert attributes.get(name, "data:").startswith("data:"), tag

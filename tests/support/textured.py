@@ -98,3 +98,9 @@ def facing_us(ball: Ball) -> ds.Scene:
 def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Between unit vectors, degrees."""
     return np.rad2deg(np.arccos(np.clip(np.sum(a * b, -1), -1.0, 1.0)))
+
+
+def angles_to(scene: ds.Scene, towards: np.ndarray) -> np.ndarray:
+    """Return how far each light of a scene is off the unit vector toward it, degrees."""
+    found = np.array([-np.asarray(light.direction) for light in scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
+    return angle(found / np.linalg.norm(found, axis=-1, keepdims=True), towards)

@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from directions import unit
 from refusals import refuses
 
 import diffshade as ds
@@ -16,10 +17,6 @@ N = 24
 RANDOM = np.random.default_rng(24)
 EYE = np.array([0.2, -0.1, 4.0])
 CAMERA = ds.OrthographicCamera(EYE, target=EYE - (0, 0, 1), shape=(1, N), height=2)
-
-
-def unit(a):
-    return a / np.linalg.norm(a, axis=-1, keepdims=True)
 
 
 def surface():

@@ -28,17 +28,6 @@ def holds(suffix, bits, shape):
     return shape[2:] != (2,) or bits == 8 or suffix in ("exr", "npy")
 
 
-@pytest.fixture
-def file(tmp_path):
-    """Write bytes under a name and give the path."""
-
-    def write(name, data):
-        (tmp_path / name).write_bytes(data)
-        return tmp_path / name
-
-    return write
-
-
 # Round trips
 
 

@@ -9,18 +9,13 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.stats
+from float64 import float64  # noqa: F401
 
 from diffshade.inverse.forward.losses import CAUCHY, GEMAN_MCCLURE, HUBER, LOSSES, Likelihood, variance
 
 ROBUST = {"huber": HUBER, "cauchy": CAUCHY, "geman-mcclure": GEMAN_MCCLURE}
 RESIDUALS = np.array([-30.0, -4.0, -1.4, -1.3, -0.2, 0.0, 1e-9, 0.7, 1.34, 1.35, 3.0, 1e3, 1e8])
 SIGMA, WEIGHT, TARGET = 0.3, 2.5, 0.8
-
-
-@pytest.fixture(autouse=True)
-def _float64():
-    with jax.enable_x64(True):
-        yield
 
 
 def likelihood(loss="squares", sigma=SIGMA, *, tobit=False):

@@ -6,6 +6,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 import scipy.optimize
+from float64 import float64  # noqa: F401
 from refusals import refuses
 from solver_witness import three_views
 from synthetic import CAMERA, FREE, TIED, noisy, one_light_each, photographs, standard_scene
@@ -15,13 +16,6 @@ from diffshade.inverse.forward.gram import ByView, Gram, Point
 from diffshade.inverse.solve.descent import GramLevenbergMarquardt, at_bound
 from diffshade.inverse.solve.elimination import Dense
 from diffshade.inverse.solve.solvers import PriorResiduals
-
-
-@pytest.fixture(autouse=True)
-def _float64():
-    with jax.enable_x64(True):
-        yield
-
 
 # --- a fit; beside other solvers in studies/test_optima.py
 

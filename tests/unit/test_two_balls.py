@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from directions import unit
 
 from diffshade.calibration.highlights import MIN_DISC, largest_disc, without_streaks
 from diffshade.calibration.two_balls import LampPlaces, find_lamps
 
 RADIUS, NOISE = 0.25, 0.15  # in distances between the balls; degrees about each axis
 BASELINE = np.array([0.98, 0.15, 0.13]) / np.linalg.norm([0.98, 0.15, 0.13])
-
-
-def unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 def dome(seed: int, lamps: int, low: float, high: float) -> np.ndarray:
