@@ -33,7 +33,6 @@ from diffshade.inverse.statistics.identifiability import (
 from diffshade.inverse.summary import (
     _at_bounds,
     _clipped,
-    _jumps,
     _noise_contradicted,
     _repeated,
     _scales,
@@ -205,12 +204,6 @@ def test_what_else_a_fit_says():
     assert not list(_clipped(Counts(1, 9, 27, 0, 0)))
     assert "uses 1 clipped sample as limits" in next(_clipped(Counts(1, 9, 27, 1, 0)))
     assert "excludes 1,200 clipped samples" in next(_clipped(Counts(1, 9, 27, 3, 1200)))
-    for smooth, said in ((False, 1), (True, 0)):
-        floor = ds.Material(k_d=ds.Chequer(0.2, 0.8, smooth=smooth))
-        scene = ds.Scene(ds.Object(ds.Plane((0, 0, 0), (0, 0, 1)), floor), SCENE.lights)
-        moving = find_unknowns(scene, (), ("period",))
-        assert len(list(_jumps(scene, moving))) == said
-        assert not list(_jumps(scene, find_unknowns(scene, (), ("k_a",))))
 
 
 # --- the same photographs again
