@@ -142,7 +142,7 @@ def _light(light: dict) -> AbstractLight:
             return ds.PointLight(light["position"], intensity, _attenuation(light), **apart)
         case "spot":
             cutoff, exponent, softness = light["spot_cutoff_deg"], light["spot_exponent"], 0.0
-        case "pov_spot":
+        case _:  # pov_spot
             cutoff, exponent = light["falloff_deg"], light["tightness"]
             softness = cutoff - light["radius_deg"]
     direction, attenuation = light["spot_direction"], _attenuation(light)

@@ -21,7 +21,6 @@ PHONG = ds.Material((0.1, 0.05, 0.02), (0.7, 0.25, 0.2), 0.4, 40, k_e=(0, 0.1, 0
 BLINN = dataclasses.replace(PHONG, lobe=ds.Blinn(), n_s=77.3, k_s=(0.3, 0.5, 0.1))
 GREY_BLINN = dataclasses.replace(BLINN, k_s=0.31)
 UNLIT = dataclasses.replace(PHONG, k_e=0)
-DARK = ds.Material(0.2, 0, (0.3, 0.2, 0.1), 30, ds.Blinn())
 GLASS = {"k_t": 0.7, "eta": 1.5}
 SAME = {
     "mtl": (".mtl", BLINN),
