@@ -30,7 +30,7 @@ class Edges:
         self.inside: Mask = np.asarray(silhouette(objects, camera))
 
     @cached_property
-    def depth(self) -> Float[np.ndarray, "h w"]:
+    def depth(self) -> Int[np.ndarray, "h w"]:
         """How many pixels each is from what lies beyond the nearest edge: the background, another object, another face.
 
         Faces differ where normals half a unit apart, by 29 degrees, are within three pixels.
@@ -38,15 +38,15 @@ class Edges:
         surface = surface_seen(self.objects, self.camera)
         change = ndimage.maximum_filter(surface, (3, 3, 1)) - ndimage.minimum_filter(surface, (3, 3, 1))
         edge = (change[..., 3] > 0.0) | (np.square(change[..., :3]).sum(-1) > MOST**2)
-        return np.asarray(ndimage.distance_transform_edt(~edge), np.float32) + 1.0
+        return distance(~edge) + 1
 
     @cached_property
     def rings(self) -> list[Int[np.ndarray, " n"]]:
         """Pixels inside and outside, both `FAR` from the outline, then those beyond it at each distance up to there."""
-        away, depth = (np.asarray(ndimage.distance_transform_edt(of)) for of in (~self.inside, self.inside))
-        within = np.clip(depth.max() - 1.0, 0.0, FAR)
+        away, depth = distance(~self.inside), distance(self.inside)
+        within = np.clip(depth.max() - 1, 0, FAR)
         places = [(depth, within, 2 * FAR), (away, FAR, 2 * FAR), *((away, k, k + 1) for k in range(FAR))]
-        return [np.flatnonzero((of > first + 0.5) & (of <= last + 0.5)) for of, first, last in places]
+        return [np.flatnonzero((of > first) & (of <= last)) for of, first, last in places]
 
     def reach(self, image: Float[np.ndarray, "h w c"]) -> int:
         """Return how many pixels from edges a photograph mixes what is on both sides; 0 where nothing shows it.
@@ -66,5 +66,10 @@ class Edges:
     def unmixed(self, inside: Mask, image: Float[np.ndarray, "h w c"]) -> Mask:
         """Return those of some pixels that show one side of every edge; all where that leaves none."""
         reach = self.reach(image)
-        left = inside & (self.depth > reach + 0.5) if reach else inside
+        left = inside & (self.depth > reach) if reach else inside
         return left if left.any() else inside
+
+
+def distance(inside: Mask) -> Int[np.ndarray, "h w"]:
+    """Return how many steps to a neighbour, along a diagonal too, each pixel is from the nearest outside; 0 there."""
+    return np.asarray(ndimage.distance_transform_cdt(inside, "chessboard"))
