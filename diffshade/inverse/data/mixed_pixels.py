@@ -63,9 +63,8 @@ class Edges:
                 return k
         return len(rings)
 
-    def unmixed(self, inside: Mask, image: Float[np.ndarray, "h w c"]) -> Mask:
-        """Return those of some pixels that show one side of every edge; all where that leaves none."""
-        reach = self.reach(image)
+    def unmixed(self, inside: Mask, reach: int) -> Mask:
+        """Return those of some pixels that show one side of every edge alone; all where that leaves none."""
         left = inside & (self.depth > reach) if reach else inside
         return left if left.any() else inside
 

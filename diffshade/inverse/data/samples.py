@@ -72,6 +72,8 @@ class Samples:
     """The largest sample."""
     zeros: int = 0
     """How many are exactly 0, if none is below."""
+    reach: int = 0
+    """How many pixels from edges the photograph mixes what is on both sides."""
 
     @property
     def count(self) -> int:
@@ -135,21 +137,22 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False, edges: dict[
         raise ValueError("a fit of a surface needs a mask of its pixels; got none. Give View.mask.")
     inside = kept(view)
     if moving:
-        inside = counting = ndimage.binary_erosion(inside)
+        inside, reach = ndimage.binary_erosion(inside), 0
+        counting = inside
     else:
         key, edges = camera_key(view.camera), {} if edges is None else edges
         if key not in edges:
             edges[key] = Edges(scene.objects, view.camera)
-        inside = counting = inside & edges[key].inside
-        if not isinstance(view.image, LazyImage):
-            counting = edges[key].unmixed(inside, colours(view))
+        inside = inside & edges[key].inside
+        reach = 0 if isinstance(view.image, LazyImage) else edges[key].reach(colours(view))
+        counting = edges[key].unmixed(inside, reach)
     pixels = np.flatnonzero(counting).astype(np.int32)
     if not len(pixels):
         raise ValueError(
             "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
             "Check the camera, and that the mask is white on the object."
         )
-    samples = Samples(inside, pixels, colours(view), SensorRange(), 0.0)
+    samples = Samples(inside, pixels, colours(view), SensorRange(), 0.0, reach=reach)
     least, most, zeros, at_top = _extremes(samples)
     near_top = np.array([most])
     if at_top >= MIN_PILE and most != 1.0:

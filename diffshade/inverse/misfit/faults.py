@@ -198,7 +198,8 @@ FAULTS = (
         "pixels",
         "each pixel is an average over its area, as cameras make it, and renderers with several samples a pixel; the "
         "fit shades its middle",
-        "Exclude the pixels next to outlines with View.mask, where this matters most, or use larger images.",
+        "Give View(sensor=ds.Sensor(blur=0.3)), or how much the image is blurred in all, by which a fit takes averages "
+        "too; or use larger images.",
         changes.of_pixels,
         plausible=(0.2, 4.0),  # 1 is exactly that, and a lens adds to it
     ),

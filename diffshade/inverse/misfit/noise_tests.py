@@ -23,7 +23,6 @@ from scipy import special
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
-from ...core.thresholds import SLIGHT
 from ...parallel.threads import on_all_cores
 from ..forward.interface import AbstractForwardModel
 from ..forward.rendered import costs
@@ -144,13 +143,6 @@ class Whiteness(NamedTuple):
     """The variance of sums over the cells of the size where it is largest, over that of independent residuals."""
     squares: Mapping[int, float]
     """The mean square of the residuals of each view that has some, in any unit."""
-    at_outlines: float = 1.0
-    """The probability of noise to add up to as much along the outlines, in proportion to the light there."""
-
-    @property
-    def is_even(self) -> bool:
-        """Whether nothing is to be looked for at the outlines, which costs one right fit in a hundred some time."""
-        return self.at_outlines > SLIGHT
 
 
 def whiteness(views: Sequence[Leftover]) -> Whiteness:
@@ -163,8 +155,7 @@ def whiteness(views: Sequence[Leftover]) -> Whiteness:
     found += [min(map(_p_of_variance, of)) * len(views) for of in (of_variance, along)]
     over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
     squares = {view.view: view.mean_square for view in views}
-    *_, at_outlines = _p_values(sums[SIZES + 1])
-    return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares, at_outlines)
+    return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares)
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
@@ -220,7 +211,7 @@ def _looks(
     *,
     bend_only: bool,
 ) -> Float[np.ndarray, "looks 2"]:
-    """Return sums of residuals times light at the outline, curvature, gradient and neighbours, and of their squares.
+    """Return sums of residuals times curvature, gradient and neighbours, and of the squares of these products.
 
     The pictures have one more row above and below, and nothing in their first and last columns, so that a step to a
     neighbour is one along the flattened picture.
@@ -240,7 +231,7 @@ def _looks(
     if bend_only:
         return _sums_of([(inner, bend)])
     beside_it = _sums_of([(own, beside(residual, step)) for step in (-width, -1)])
-    looks = _sums_of([(own - inner, shade), *((inner, of) for of in (bend, down - up, right - left))])
+    looks = _sums_of([(inner, of) for of in (bend, down - up, right - left)])
     return np.array([*looks, beside_it.sum(0)])
 
 

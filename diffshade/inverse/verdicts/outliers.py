@@ -72,8 +72,7 @@ def without_outliers(fit: Fit) -> WithoutOutliers:
         rest = fit.solved.changed(theta=without.theta, data=all_pixels.keeping([~of for of in far])).laid_out()
         without = rest.minimise()
     moves = values_at(without.theta, fit.unknowns) - values_at(with_all.theta, fit.unknowns)
-    tested = whiteness(leftovers(rest, without.theta))
-    is_noise = tested.p_value > FALSE_ALARM and tested.is_even
+    is_noise = whiteness(leftovers(rest, without.theta)).p_value > FALSE_ALARM
     left, all_squares = (float(np.sum(end.point.views.cost)) for end in (without, with_all))
     out, pixels = np.array([of.sum() for of in far]), np.maximum(all_pixels.pixels, 1)
     rows = [of.reshape(-1)[samples.pixels] for of, samples in zip(far, all_pixels.samples, strict=True)]
