@@ -248,7 +248,10 @@ def _found(look: _Look) -> tuple[Found, ...]:
     certain = [look.found(one, np.array([one.size]), 0.0) for one in look.candidates if one.case.known]
     of_rest = _named(look.of, look.evidence, look.candidates)
     named = [look.found(look.candidates[k], amount, gain) for k, amount, gain in of_rest]
-    return tuple([f for f in (*certain, *named) if _matters(f)] or named[:1])
+    found = [f for f in (*certain, *named) if _matters(f)] or named[:1]
+    return tuple(
+        sorted(found, key=lambda f: f in certain and _errors_moved(f) < max(map(_errors_moved, named), default=0.0))
+    )
 
 
 def _like_gamma(look: _Look) -> tuple[Found, ...]:
@@ -264,5 +267,10 @@ def _like_gamma(look: _Look) -> tuple[Found, ...]:
 
 def _matters(found: Found) -> bool:
     """Whether a fault moves a value that the fit determines, or is gross."""
+    return found.share > 2.0 * SMALL or _errors_moved(found) > 1.0
+
+
+def _errors_moved(found: Found) -> float:
+    """Return by how many errors a fault moves the value that it moves most."""
     fit = found.given
-    return found.share > 2.0 * SMALL or bool(np.any(fit.determined & (np.abs(found.moves) > fit.plain_errors)))
+    return float(np.max(np.abs(found.moves) / fit.plain_errors, where=fit.determined, initial=0.0))

@@ -229,6 +229,13 @@ FAULTS = (
         plausible=(0.0, 1.0),
     ),
     Fault(
+        "coat",
+        "the colour lies under a clear coat, as of plastic, glaze and varnish: less light passes it at grazing angles",
+        "No material of a scene does so. Exclude with View.mask what turns away from the camera, where it shows most.",
+        other_scenes.of_coat,
+        plausible=(0.0, 3.0),  # 1 is all that a coat reflects
+    ),
+    Fault(
         "translucent",
         "light enters the surface and comes out nearby, as in wax, marble and skin: it is lit beyond where its light "
         "ends",
