@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
+from scipy import special
 
+from ..core.thresholds import SLIGHT
 from ..core.words import Note, listing
 from .laid_out import LaidOut
 from .solve.solvers import Minimum
@@ -47,9 +49,11 @@ def hidden_highlights(laid: LaidOut, end: Minimum, lost: Bool[np.ndarray, " p"],
         if not beside.any():
             continue
         others = np.arange(len(unknowns)) != j
+        # noise alone lets a highlight that is not there lower the cost, by all of its numbers
+        by_chance = 0.5 * sigma2 * special.chdtri(beside.sum() + 1.0, SLIGHT)
         for x in np.unique(np.clip(np.log(unknowns[j].parameter.search), box.lower[j], box.upper[j])):
             point, cost, found = at_best_linear(np.where(others, theta, x), laid.task, laid.chunks)
-            if cost > end.point.total.cost + 2.0 * sigma2:  # two errors
+            if cost > end.point.total.cost + by_chance:
                 continue
             H = np.asarray(point.total.hessian.as_matrix())[np.ix_(others, others)]
             zero, directions = null_directions(H)

@@ -100,9 +100,7 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         *hidden_notes(hidden, lost, unknowns),
         *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
         *_too_bright(unknowns, found.values, regular & ~lost),
-        *_repeated(problem.data.counts.repeats),
-        *_clipped(problem.data.counts),
-        *_beyond_memory(problem.data.counts),
+        *_what_counts(problem.data.counts),
         *([] if forecast else _stated_noise(problem, spread, found.at_bound, evidence.sigma2)),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
@@ -245,6 +243,14 @@ def _moves_points(place: Place) -> bool:
     return place.part == "surface" or place.field in ("eta", "period", "u", "v")
 
 
+def _what_counts(counts: Counts) -> Iterator[Note]:
+    """Say which views and pixels do not count, and how clipped samples do."""
+    yield from _repeated(counts.repeats)
+    yield from _clipped(counts)
+    yield from _mixed(counts)
+    yield from _beyond_memory(counts)
+
+
 def _repeated(pairs: Sequence[tuple[int, int]]) -> Iterator[Note]:
     """Name the views that repeat an earlier one."""
     for i, j in pairs[:1]:
@@ -262,6 +268,16 @@ def _clipped(counts: Counts) -> Iterator[Note]:
     elif counts.clipped:
         text = f"the fit uses {count(counts.clipped, 'clipped sample')} as limits: the true value is there or beyond."
         yield Note(text, "clipped")
+
+
+def _mixed(counts: Counts) -> Iterator[Note]:
+    """Say that pixels along edges were left out."""
+    if counts.mixed:
+        text = (
+            f"the fit leaves out {count(counts.mixed, 'pixel')} along edges, in which the photographs mix what is on "
+            "both sides, as cameras do, and renderers that take several rays a pixel."
+        )
+        yield Note(text, "edges")
 
 
 def _beyond_memory(counts: Counts) -> Iterator[Note]:

@@ -34,3 +34,14 @@ class DiffuseLaw(NamedTuple):
 
 
 LAMBERT = DiffuseLaw(0.0, 0.0)
+
+
+def under_coat(n_l: Array, n_v: Array, l_v: Array) -> Array:
+    r"""Return D of a colour under a clear coat, which less light passes at grazing angles, on its way in and out.
+
+    $$ D = (n \cdot l)_+ (1 - (1 - n \cdot l)^5) (1 - (1 - n \cdot v)^5) $$
+
+    By Schlick's approximation (1994, eq. 15) of Fresnel's law, over what passes where n, l and v are the same.
+    """
+    n_l = jnp.clip(n_l, 0.0, 1.0)
+    return n_l * (1.0 - (1.0 - n_l) ** 5) * (1.0 - (1.0 - n_v) ** 5)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import equinox as eqx
@@ -323,16 +323,27 @@ def _inside(objects: tuple[Object, ...], rays: Rays) -> Bool[Array, "h w"]:
 
 
 def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[np.ndarray, "h w"]:
-    """Return the pixels that show an object; of a large image some rows after others, so that memory stays flat."""
+    """Return the pixels that show an object."""
+    return _by_rows(objects, camera, _silhouette_of_rows)
+
+
+def surface_seen(objects: tuple[Object, ...], camera: AbstractCamera) -> Float[np.ndarray, "h w 4"]:
+    """Return the normal that each pixel shows, and the number of its object from 1; 0 where there is none."""
+    return _by_rows(objects, camera, _surface_of_rows)
+
+
+def _by_rows(objects: tuple[Object, ...], camera: AbstractCamera, program: Callable[..., Array]) -> np.ndarray:
+    """Return what a program gives for a picture; of a large one some rows after others, so that memory stays flat."""
     height, width = camera.shape
     count = min(max(GIVEN // width, 1), height)
     over_pixels, rest = over_pixels_and_rest(objects)
-    image = np.zeros(camera.shape, bool)
+    found = []
     for first in range(0, height, count):
         begin = min(first, height - count)  # the last rows begin early, so that all are as many
         here = jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + count], over_pixels)
-        image[begin : begin + count] = _silhouette_of_rows(together(here, rest), camera, count, float(begin))
-    return image
+        rows = program(together(here, rest), camera, count, float(begin))
+        found.append(np.asarray(rows)[first - begin :])
+    return np.concatenate(found)
 
 
 @partial(jit_quickly, static_argnames="count", options=SOONER)
@@ -340,6 +351,19 @@ def _silhouette_of_rows(
     objects: tuple[Object, ...], camera: AbstractCamera, count: int, first: Float[Array, ""] | float
 ) -> Bool[Array, "count w"]:
     return _inside(objects, pixel_rays(camera.projection(), (count, camera.shape[1]), first))
+
+
+@partial(jit_quickly, static_argnames="count", options=SOONER)
+def _surface_of_rows(
+    objects: tuple[Object, ...], camera: AbstractCamera, count: int, first: Float[Array, ""] | float
+) -> Float[Array, "count w 4"]:
+    rays = pixel_rays(camera.projection(), (count, camera.shape[1]), first)
+    hits = [item.surface.intersect(rays) for item in objects]
+    found = jnp.zeros((count, camera.shape[1], 4), np.float32)
+    for i, (hit, seen) in enumerate(zip(hits, nearest(objects, hits), strict=True)):
+        of_object = jnp.concatenate([hit.n.stack(), jnp.full((*seen.shape, 1), i + 1.0)], -1)
+        found = jnp.where(seen[..., None], of_object.astype(np.float32), found)
+    return found
 
 
 @jax.jit

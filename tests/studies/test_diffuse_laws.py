@@ -27,6 +27,18 @@ def translucent(w: float) -> Law:
     return lambda normal, l: wrapped(normal, l, w)
 
 
+def coated(eta: float) -> Law:
+    """Lambert's law under a clear coat: what Fresnel's equations let in and out, over what passes straight through."""
+
+    def passes(cosine: np.ndarray) -> np.ndarray:
+        a = np.clip(cosine, 0.0, 1.0)
+        b = np.sqrt(1.0 - (1.0 - a**2) / eta**2)
+        reflected = ((a - eta * b) / (a + eta * b)) ** 2 + ((eta * a - b) / (eta * a + b)) ** 2
+        return (1.0 - 0.5 * reflected) / (1.0 - ((eta - 1.0) / (eta + 1.0)) ** 2)
+
+    return lambda normal, l: wrapped(normal, l, 0.0) * passes(normal @ l) * passes(normal @ TO_CAMERA)
+
+
 def of_width(width: float) -> Law:
     """Lambert's law under a square light, which is so many times as wide as it is far."""
 
@@ -95,6 +107,15 @@ def test_a_translucent_sphere_is_named_and_its_errors_hold(w, count):
     assert_errors_hold(fit, truth, 3.0)
 
 
+@pytest.mark.parametrize("count", [1, 4, 12])
+@pytest.mark.parametrize("eta", [1.33, 1.5])
+@pytest.mark.parametrize("k_s", [0.0, 0.2])
+def test_a_colour_under_a_clear_coat_is_named_and_its_errors_hold(k_s, eta, count):
+    fit, truth = fitted(coated(eta), k_s, count)
+    assert "coat" in cause_of(fit).names
+    assert_errors_hold(fit, truth, 3.0)
+
+
 @pytest.mark.parametrize("count", [1, 4])
 @pytest.mark.parametrize("width", [0.15, 0.3, 0.5])
 def test_a_distant_light_of_some_extent_is_named_and_errors_hold(width, count):
@@ -137,7 +158,7 @@ def test_what_a_rough_surface_adds_is_of_k_d_alone():
     more = ds.Material(chequer, 0.5, chequer, 20.0, k_e=0.2, highlights=ds.Highlight(0.1, 200.0))
     for material in (ds.Material(0.0, 0.5, 0.0), more):
         scene = ds.Scene(ds.Object(ds.Sphere((0, 0, 0), 1.0), material), lights, ambient=(0.2, 0.2, 0.2))
-        added.append(_beyond_lambert(scene, view, DiffuseLaw(1.0, 0.0)))
+        added.append(_beyond_lambert(scene, view, DiffuseLaw(1.0, 0.0).at))
     assert added[0].max() > 0.05
     np.testing.assert_allclose(added[1], added[0], atol=1e-7)
 

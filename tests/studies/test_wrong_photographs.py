@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from wrong_photographs import FAULTS, MATERIALS, fitted, truth
+from wrong_photographs import FAULTS, FREE, MATERIALS, fitted, truth
 
 import diffshade as ds
 
@@ -72,6 +72,26 @@ def test_what_is_called_determined_is_true_and_the_fault_is_named(kind, count):
 def test_so_it_is_of_twenty_draws(kind, count):
     if count >= FAULTS[kind].fewest:
         check(kind, count, range(20))
+
+
+@pytest.mark.parametrize(
+    ("count", "n_s", "noise"), [(1, 8.0, 0.002), (1, 30.0, 0.004), (4, 30.0, 0.01), (4, 200.0, 0.004)]
+)
+def test_pixels_that_are_averages_are_told_from_all_else_where_a_mask_keeps_those_wholly_inside(count, n_s, noise):
+    camera, random = ds.OrthographicCamera((0, 0, 4), shape=(120, 120), height=2.4), np.random.default_rng(count)
+    lights = [ds.DirectionalLight(-np.array([np.sin(a), np.cos(a), 1.5])) for a in 0.4 + np.arange(count)]
+    shown = {"k_a": (0.05, 0.04, 0.03), "k_d": (0.5, 0.4, 0.3), "k_s": (0.25, 0.25, 0.25), "n_s": n_s}
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(**shown)), lights)
+    row, column = np.mgrid[:120, :120] - 59.5
+    inside = np.hypot(np.abs(row) + 0.5, np.abs(column) + 0.5) < 50.0
+    images = [np.asarray(ds.render(scene, camera, lit=i, samples=6)) for i in range(count)]
+    views = [
+        ds.View(image + noise * random.standard_normal(image.shape), camera, inside, lit=i)
+        for i, image in enumerate(images)
+    ]
+    fit = ds.fit(scene, views, free=FREE)
+    assert kinds_of(fit) == ("pixels",)
+    assert np.all(np.abs(fit.values - np.hstack(list(shown.values()))) < 3.0 * fit.errors)
 
 
 def remarks(count: int, seeds: range) -> int:

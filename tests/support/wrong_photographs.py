@@ -44,6 +44,8 @@ class Photographed:
     seed: int
     told: dict[str, Any] = field(default_factory=dict)
     """What the user says otherwise: fields of `scene`, and `lamps`."""
+    samples: int = 1
+    """Along each side of a pixel, which is their mean."""
 
     def but(self, **changed: Any) -> Photographed:
         return dataclasses.replace(self, **changed)
@@ -102,8 +104,10 @@ def photographed(material: str, count: int, seed: int, near: bool) -> Photograph
 
 
 def rendered(of: Photographed) -> list[np.ndarray]:
-    extra = of.scene.get("beside", [])
-    return [oracle.render(of.scene | {"lights": [lamp, *extra]}, of.camera) for lamp in of.lamps]
+    extra, n = of.scene.get("beside", []), of.samples
+    camera = of.camera | {"shape": (n * SIDE, n * SIDE)}
+    images = [oracle.render(of.scene | {"lights": [lamp, *extra]}, camera) for lamp in of.lamps]
+    return [image.reshape(SIDE, n, SIDE, n, -1).mean((1, 3)) for image in images]
 
 
 def _directions_off(of: Photographed, degrees: np.ndarray) -> Photographed:
@@ -199,6 +203,10 @@ def photon_noise(image: np.ndarray, random: np.random.Generator) -> np.ndarray:
     return image + 0.02 * np.sqrt(np.maximum(image, 0.0)) * random.standard_normal(image.shape)
 
 
+def through_gamma_of_green(image: np.ndarray) -> np.ndarray:
+    return np.sign(image) * np.abs(image) ** np.array([1.0, 1.05, 1.0])
+
+
 def _first_but(factor: float) -> Callable[..., list[np.ndarray]]:
     return lambda images, _: [factor * images[0], *images[1:]]
 
@@ -229,6 +237,8 @@ FAULTS: Mapping[str, Fault] = {
     "clipped below 1": Fault(stored=_of_each(lambda image: np.minimum(image, 0.6)), named=("clipped",)),
     "focal length": Fault(lambda of: of.but(camera=of.camera | {"fov": 36.0 * 1.05}), named=("radius",)),
     "black level": Fault(stored=_of_each(lambda image: image + 0.01), named=("black",)),
+    "gamma of green": Fault(stored=_of_each(through_gamma_of_green), named=("gamma of a colour",)),
+    "averaged pixels": Fault(lambda of: of.but(samples=5), named=("pixels",)),
     "blur": Fault(stored=_of_each(lambda image: ndimage.gaussian_filter(image, (1.0, 1.0, 0))), named=("blur",)),
     "floor at 0": Fault(
         lambda of: _of_material(of, **DARK),

@@ -19,11 +19,11 @@ from .sensors import Sensor, falloff, linear_level
 from .views import Image, View, channels, is_grey
 
 
-def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
-    """Return what a view's photograph of a scene would be, unclipped, in its channels."""
+def photograph(scene: Scene, view: View, samples: int = 1) -> Float[np.ndarray, "h w c"]:
+    """Return what a view's photograph of a scene would be, unclipped, in its channels, by n x n samples a pixel."""
     if view.lit is not None:  # first: of hundreds of lights a view has one
         scene = dataclasses.replace(scene, lights=select(scene, view.lit))
-    return record(np.asarray(render_once(scene, view.camera)), view)
+    return record(np.asarray(render_once(scene, view.camera, samples=samples)), view)
 
 
 def record(radiance: Float[np.ndarray, "h w 3"], view: View) -> Float[np.ndarray, "h w c"]:

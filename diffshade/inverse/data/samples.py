@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 from scipy import ndimage
 
-from ...core.masks import Mask
 from ...core.thresholds import SMALL
 from ...io.lazy_images import TILE, LazyImage
-from ...model.rendering import select, silhouette
+from ...model.rendering import select
 from ...model.scenes import Scene, check_positions, check_shapes
+from .mixed_pixels import Edges
 from .views import Image, View, camera_key, colours, has_alpha, has_mask
 
 JUST_BELOW = 1.0 - SMALL  # of the largest value: so far down values are compared with it
@@ -64,7 +64,7 @@ class Samples:
     inside: Bool[np.ndarray, "h w"]
     """Pixels that show an object."""
     pixels: Int[np.ndarray, " n"]
-    """Where those pixels are in the flattened image. Views of one camera that show the same ones share the array."""
+    """Those that count, in the flattened image. Views of one camera that show the same ones share the array."""
     photograph: Image
     """The photograph without alpha, not copied."""
     sensor_range: SensorRange
@@ -72,6 +72,8 @@ class Samples:
     """The largest sample."""
     zeros: int = 0
     """How many are exactly 0, if none is below."""
+    reach: int = 0
+    """How many pixels from edges the photograph mixes what is on both sides."""
 
     @property
     def count(self) -> int:
@@ -114,15 +116,16 @@ def share_of(samples: Samples, count: int) -> Samples:
     return samples.at(np.concatenate(parts))
 
 
-def find_samples(scene: Scene, view: View, *, moving: bool = False, outlines: dict[Any, Mask] | None = None) -> Samples:
+def find_samples(scene: Scene, view: View, *, moving: bool = False, edges: dict[Any, Edges] | None = None) -> Samples:
     """Find the samples of a view that count.
 
     Args:
         scene: The scene, whose objects the pixels must show.
         view: The photograph.
         moving: Whether a surface is free: then the view needs a mask, which is eroded by one pixel and stays fixed;
-            otherwise what the mask and the alpha channel leave of the objects' own silhouette counts.
-        outlines: The silhouette by camera, to which that of this camera is added.
+            otherwise what the mask and the alpha channel leave of the objects' own silhouette counts, but for what
+            the photograph mixes along edges; of a lazy image that is not looked at.
+        edges: Those of each camera, to which this camera's are added.
 
     Raises:
         ValueError: If the view does not fit the scene, or nothing of it is left to fit.
@@ -134,19 +137,22 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False, outlines: di
         raise ValueError("a fit of a surface needs a mask of its pixels; got none. Give View.mask.")
     inside = kept(view)
     if moving:
-        inside = ndimage.binary_erosion(inside)
+        inside, reach = ndimage.binary_erosion(inside), 0
+        counting = inside
     else:
-        key, outlines = camera_key(view.camera), {} if outlines is None else outlines
-        if key not in outlines:
-            outlines[key] = np.asarray(silhouette(scene.objects, view.camera))
-        inside = inside & outlines[key]
-    pixels = np.flatnonzero(inside).astype(np.int32)
+        key, edges = camera_key(view.camera), {} if edges is None else edges
+        if key not in edges:
+            edges[key] = Edges(scene.objects, view.camera)
+        inside = inside & edges[key].inside
+        reach = 0 if isinstance(view.image, LazyImage) else edges[key].reach(colours(view))
+        counting = edges[key].unmixed(inside, reach)
+    pixels = np.flatnonzero(counting).astype(np.int32)
     if not len(pixels):
         raise ValueError(
             "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
             "Check the camera, and that the mask is white on the object."
         )
-    samples = Samples(inside, pixels, colours(view), SensorRange(), 0.0)
+    samples = Samples(inside, pixels, colours(view), SensorRange(), 0.0, reach=reach)
     least, most, zeros, at_top = _extremes(samples)
     near_top = np.array([most])
     if at_top >= MIN_PILE and most != 1.0:

@@ -17,6 +17,7 @@ from ...core.masks import Mask
 from ...core.words import count
 from ...io.lazy_images import row_tiles
 from ...model.scenes import Scene
+from .mixed_pixels import Edges
 from .samples import MIN_PIXELS, Samples, find_samples, share_of
 from .views import View, camera_key, is_grey, lights_on
 
@@ -34,6 +35,8 @@ class Counts(eqx.Module):
     """Samples at an end of the sensor's range, which say only that the truth is beyond it."""
     left_out: int = 0
     """Samples at an end of the sensor's range that were left out, with their pixels."""
+    mixed: int = 0
+    """Pixels along edges that were left out, since the photographs mix there what is on both sides."""
     repeats: tuple[tuple[int, int], ...] = ()
     """Pairs of a view that repeats an earlier one, and that earlier view; the two are counted once."""
     beyond_memory: int = 0
@@ -128,16 +131,18 @@ class ViewSet:
             at_most: The most pixels of all views; of more, each view has its share.
             forecast: Whether the photographs are still to be taken, so that equal ones are no repetition.
         """
-        samples, left_out, repeats = [], 0, {} if forecast else self.repeats
-        outlines: dict[Any, Mask] = {}
+        samples, left_out, mixed, repeats = [], 0, 0, {} if forecast else self.repeats
+        edges: dict[Any, Edges] = {}
         shown: dict[Any, list[Int[np.ndarray, " n"]]] = {}
         for i, (view, camera) in enumerate(zip(self.views, self.cameras, strict=True)):
             try:
-                found = find_samples(scene, view, moving=moving, outlines=outlines)
+                found = find_samples(scene, view, moving=moving, edges=edges)
             except ValueError as error:
                 raise ValueError(f"views[{i}]: {error}") from None
             if i in repeats:  # the same numbers tell nothing more
                 found = found.at(found.pixels[:0])
+            else:
+                mixed += int(np.count_nonzero(found.inside)) - len(found.pixels)
             if clipped == "exclude" and (ends := found.ends()).any():
                 left_out += int(np.abs(ends).sum())
                 found = found.at(found.pixels[~ends.any(-1)])
@@ -145,7 +150,7 @@ class ViewSet:
             same = next((pixels for pixels in alike if np.array_equal(pixels, found.pixels)), found.pixels)
             alike.append(same)
             samples.append(found.at(same))
-        counts = Counts(left_out=left_out, repeats=tuple(repeats.items()))
+        counts = Counts(left_out=left_out, mixed=mixed, repeats=tuple(repeats.items()))
         whole = dataclasses.replace(self, samples=tuple(samples), clipped=clipped, counts=counts)
         found = whole.part(at_most)
         beyond = sum(whole.pixels) - found.counts.pixels

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...core.fields import Array
@@ -57,13 +57,13 @@ weights_of_views = jit_quickly(lambda model: model.view_weights())
 @functools.partial(jit_quickly, options=PLAINLY)
 def residuals(
     theta: Theta, model: AbstractForwardModel, chunk: Block
-) -> tuple[Float[Array, "blocks channels pixels"], Bool[Array, "blocks channels pixels"]]:
-    """Return the weighted residuals of a chunk, and which samples were measured."""
+) -> tuple[Float[Array, "blocks channels pixels"], ...]:
+    """Return the weighted residuals of a chunk, what is predicted, and which samples were measured."""
 
-    def of_block(block: Block) -> tuple[Array, Array]:
+    def of_block(block: Block) -> tuple[Array, Array, Array]:
         m = jnp.stack(model.predict(theta, block))
         r = jnp.sqrt(model.sample_weights(block)) * (m - block.observed.target)
-        return r, model.measured_weights(block) > 0
+        return r, m, model.measured_weights(block) > 0
 
     return jax.lax.map(of_block, chunk)
 

@@ -13,12 +13,12 @@ from ...core.robust_scale import RARE, robust_scale
 from ...core.thresholds import BLACK, CLEARLY, MINOR, SLIGHT
 from ...io.lazy_images import LazyImage
 from ...model.rendering import silhouette
+from ..data.mixed_pixels import FAR
 from ..data.recording import record
 from ..data.samples import kept
 from ..data.views import colours, has_mask
 from ..result import Fit
 
-FAR = 4  # pixels: the least distance from the outline at which a pixel shows the background alone
 MAX_PIXELS = 512  # of a view, so that noise common to neighbours does not count too often
 
 

@@ -11,8 +11,9 @@ from jaxtyping import Float, Int
 from numpy.polynomial import legendre
 from scipy import ndimage
 
-from ...core.robust_scale import OUTLIER
+from ...core.robust_scale import OUTLIER, RARE
 from ...model.surfaces import Sphere
+from ..data.recording import photograph
 from ..data.samples import MIN_PILE
 from ..data.views import View, channels, lights_on
 from ..result import Fit
@@ -141,13 +142,38 @@ def of_chroma(at: Linearised) -> Iterator[Case]:
 
 def of_gamma(at: Linearised) -> Iterator[Case]:
     """Yield light raised to a power."""
-    yield Case(0, (at.light * np.log(np.maximum(at.light, 1e-6)) * (at.light > 0))[None])
+    yield Case(0, _by_gamma(at))
+
+
+def of_gamma_of_one(at: Linearised) -> Iterator[Case]:
+    """Yield light of one channel raised to a power."""
+    channel = at.set_up.channel
+    for c in range(int(channel.max()) + 1) if channel.max() else ():
+        yield Case(c, np.where(channel == c, _by_gamma(at), 0.0))
+
+
+def _by_gamma(at: Linearised) -> Float[np.ndarray, "1 n"]:
+    return (at.light * np.log(np.maximum(at.light, 1e-6)) * (at.light > 0))[None]
 
 
 def of_blur(at: Linearised) -> Iterator[Case]:
     """Yield pictures blurred by some widths."""
     for k in range(len(BLUR_SIGMAS)) if at.drawable else ():
         yield Case(k, at.looks[k][None])
+
+
+def of_pixels(at: Linearised) -> Iterator[Case]:
+    """Yield pixels that are averages over their area: nine samples have nearly nine tenths of the effect.
+
+    Where photographs mix what is on both sides of edges, they are known to be averages, as by a Gaussian that reaches
+    three deviations far; a pixel alone has a variance of 1/12. A blur of the sensor has it already.
+    """
+    sharp = all(view.sensor is None or not np.any(np.asarray(view.sensor.blur) > 0.0) for view in at.fit.views)
+    if at.drawable and sharp:
+        change = at.of(photograph(at.fit.scene, view, 3) for view in at.fit.views) - at.predicted
+        reach = np.array([samples.reach for samples in at.fit.solved.problem.data.samples])
+        times = 12.0 * (reach / RARE) ** 2 if reach.any() else np.ones(len(reach))
+        yield Case(0, (times[at.set_up.view] * change)[None], known=bool(reach.any()))
 
 
 def of_bound(at: Linearised) -> Iterator[Case]:

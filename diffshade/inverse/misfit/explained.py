@@ -63,11 +63,18 @@ class _Look:
     evidence: FaultEvidence
     of: Relevance
 
+    @property
+    def minimum(self) -> Vector:
+        """The numbers of the set-up at the minimum without any fault, on the pixels that are laid out."""
+        theta = self.directions.at.state.theta.copy()
+        theta[self.directions.inside] += self.directions.step
+        return theta
+
     @cached_property
     def corrected(self) -> Vector:
         """The numbers of the set-up with the likeliest amounts of all faults; bounds do not hold."""
-        theta, inside = self.directions.at.state.theta.copy(), self.directions.inside
-        theta[inside] += self.directions.step - self.of.mean @ self.directions.moves_inside
+        theta, inside = self.minimum, self.directions.inside
+        theta[inside] -= self.of.mean @ self.directions.moves_inside
         for one in self.candidates:
             amount = self.of.mean[one.of] / one.size
             if isinstance(one.case.change, Move) and amount.any():
@@ -128,19 +135,23 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     theta, (lower, upper) = np.clip(first.corrected, *set_up.bounds), set_up.bounds
     inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
     there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
-    errors = [_errors(look, found) for look in (first, _look(there, faults, inside))]
+    before = values_at(first.minimum[: set_up.own], fit.unknowns)
+    errors = [_errors(look, found, before) for look in (first, _look(there, faults, inside))]
     named = [f for f in found if not f.fault.unnamed]
     instead = [np.abs(f.moves) for f in named] if all(first.is_instead(f) for f in named) else []
     return Explained(found, np.max([*errors, *instead], 0), of_noise, _like_gamma(first))
 
 
-def _errors(look: _Look, found: Sequence[Found]) -> Vector:
-    """Return what the faults add to the errors of a fit; those that are named mean other values."""
+def _errors(look: _Look, found: Sequence[Found], before: Vector) -> Vector:
+    """Return what the faults add to the errors of a fit; those that are named mean other values.
+
+    They have moved it from the values of the same pixels (`before`), whose scatter is none of theirs.
+    """
     set_up = look.directions.at.set_up
     moves, fit = look.moves.copy(), set_up.fit
     for one in (one for one in look.candidates if one.fault.kind == "bound"):
         moves[np.ix_(one.of, bounded(fit))] = 0.0  # which stay at their bounds
-    away = fit.values - values_at(look.corrected[: set_up.own], fit.unknowns)
+    away = before - values_at(look.corrected[: set_up.own], fit.unknowns)
     held = np.setdiff1d(np.arange(set_up.own), look.directions.inside)
     away[held] += look.of.mean @ moves[:, held]
     for one in look.candidates:
@@ -227,7 +238,7 @@ def _named(
     ]
     largest = max(rest, key=lambda one: one[2])
     if alone and not any(of.active[k] for k, *_ in alone):
-        alone, also = [alone[0], largest, *alone[1:]], [one for one in also if one is not largest]
+        alone, also = [alone[0], largest, *alone[1:]], [one for one in also if one[0] != largest[0]]
     alone.sort(key=lambda one: candidates[one[0]].fault.kind != "bound")
     return [*first, *alone, *sorted(also, key=lambda one: -one[2])] or [largest]
 
@@ -237,7 +248,10 @@ def _found(look: _Look) -> tuple[Found, ...]:
     certain = [look.found(one, np.array([one.size]), 0.0) for one in look.candidates if one.case.known]
     of_rest = _named(look.of, look.evidence, look.candidates)
     named = [look.found(look.candidates[k], amount, gain) for k, amount, gain in of_rest]
-    return tuple([f for f in (*certain, *named) if _matters(f)] or named[:1])
+    found = [f for f in (*certain, *named) if _matters(f)] or named[:1]
+    return tuple(
+        sorted(found, key=lambda f: f in certain and _errors_moved(f) < max(map(_errors_moved, named), default=0.0))
+    )
 
 
 def _like_gamma(look: _Look) -> tuple[Found, ...]:
@@ -253,5 +267,10 @@ def _like_gamma(look: _Look) -> tuple[Found, ...]:
 
 def _matters(found: Found) -> bool:
     """Whether a fault moves a value that the fit determines, or is gross."""
+    return found.share > 2.0 * SMALL or _errors_moved(found) > 1.0
+
+
+def _errors_moved(found: Found) -> float:
+    """Return by how many errors a fault moves the value that it moves most."""
     fit = found.given
-    return found.share > 2.0 * SMALL or bool(np.any(fit.determined & (np.abs(found.moves) > fit.plain_errors)))
+    return float(np.max(np.abs(found.moves) / fit.plain_errors, where=fit.determined, initial=0.0))

@@ -75,12 +75,16 @@ def _of_black(f: Found) -> dict[str, Any]:
     if np.ptp(f.amount) <= VAGUE * f.size:
         even = f"{np.mean(f.amount):.2g}"
         return {"pixels": f"all pixels are {even}", "remedy": f"Give View(black={even})"}
-    channels, colours = f.given.scene.channels, {"r": "red", "g": "green", "b": "blue"}
+    channels = f.given.scene.channels
     levels = np.where(np.abs(f.amount) > SMALL * f.size, f.amount, 0.0)
     if len(levels) > MAX_NAMED:
         return {"pixels": f"the channels are up to {f.size:.2g}", "remedy": "Subtract the level of each channel"}
-    said = [f"{colours.get(name, name)} is {x:.2g}" for name, x in zip(channels, levels, strict=False) if x > 0.0]
+    said = [f"{_colour(name)} is {x:.2g}" for name, x in zip(channels, levels, strict=False) if x > 0.0]
     return {"pixels": listing(said), "remedy": f"Subtract {_vector(levels, '.2g')} from the images"}
+
+
+def _colour(channel: str) -> str:
+    return {"r": "red", "g": "green", "b": "blue"}.get(channel, channel)
 
 
 def _of_bound(f: Found) -> dict[str, Any]:
@@ -173,6 +177,15 @@ FAULTS = (
         plausible=(0.15, 6.0),
     ),
     Fault(
+        "gamma of a colour",
+        "{colour} looks like linear light raised to the power {f.size:.4g} (gamma), the other colours do not",
+        "Raise it to the power {inverse:.4g}, or read the images with the camera's own curves.",
+        changes.of_gamma_of_one,
+        words=lambda f: {"colour": _colour(f.given.scene.channels[f.which]), "inverse": 1.0 / f.size},
+        size=lambda which, amount: float(np.exp(amount[0])),
+        plausible=(0.15, 6.0),
+    ),
+    Fault(
         "blur",
         "the images are blurred by about {f.size:.2g} pixels (standard deviation), or the highlights have wider edges "
         "than the lobe",
@@ -180,6 +193,15 @@ FAULTS = (
         changes.of_blur,
         size=lambda which, amount: BLUR_SIGMAS[which] * float(np.sqrt(np.maximum(amount[0], 0.0))),
         plausible=(0.0, 4.0),
+    ),
+    Fault(
+        "pixels",
+        "each pixel is an average over its area, as cameras make it, and renderers with several samples a pixel; the "
+        "fit shades its middle",
+        "Give View(sensor=ds.Sensor(blur=0.3)), or how much the image is blurred in all, by which a fit takes averages "
+        "too; or use larger images.",
+        changes.of_pixels,
+        plausible=(0.2, 4.0),  # 1 is exactly that, and a lens adds to it
     ),
     Fault(
         "chroma",
@@ -205,6 +227,13 @@ FAULTS = (
         "No material of a scene does so. Exclude with View.mask what turns away from the camera, where it shows most.",
         other_scenes.of_roughness,
         plausible=(0.0, 1.0),
+    ),
+    Fault(
+        "coat",
+        "the colour lies under a clear coat, as of plastic, glaze and varnish: less light passes it at grazing angles",
+        "No material of a scene does so. Exclude with View.mask what turns away from the camera, where it shows most.",
+        other_scenes.of_coat,
+        plausible=(0.0, 3.0),  # 1 is all that a coat reflects
     ),
     Fault(
         "translucent",

@@ -16,7 +16,7 @@ from ...core.fields import Array
 from ...core.thresholds import MOST, SINGLE, SLIGHT, SMALL
 from ...model.attenuation import AbstractAttenuation, RadialAttenuation
 from ...model.bands import widened
-from ...model.diffuse_laws import DiffuseLaw
+from ...model.diffuse_laws import DiffuseLaw, under_coat
 from ...model.fresnel import NoFresnel
 from ...model.gbuffers import GBuffer
 from ...model.lights import AbstractLamp, DirectionalLight
@@ -53,16 +53,21 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
 
 def of_roughness(at: Linearised) -> Iterator[Case]:
     """Yield surfaces that reflect more towards the light, as clay and plaster do; an amount is r of their law."""
-    yield from _of_law(at, DiffuseLaw(1.0, 0.0), 1.0)
+    yield from _of_law(at, DiffuseLaw(1.0, 0.0).at, 1.0)
 
 
 def of_translucency(at: Linearised) -> Iterator[Case]:
     """Yield surfaces that light enters, as wax, marble and skin; an amount is about w of their law."""
     if not at.fit.scene.shadows:  # with shadows, the side that turns away from the light is drawn black
-        yield from _of_law(at, DiffuseLaw(0.0, USUAL_TRANSLUCENCY), USUAL_TRANSLUCENCY)
+        yield from _of_law(at, DiffuseLaw(0.0, USUAL_TRANSLUCENCY).at, USUAL_TRANSLUCENCY)
 
 
-def _of_law(at: Linearised, law: DiffuseLaw, amount: float) -> Iterator[Case]:
+def of_coat(at: Linearised) -> Iterator[Case]:
+    """Yield colours under a clear coat, as of plastic, glaze and varnish."""
+    yield from _of_law(at, under_coat, 1.0)
+
+
+def _of_law(at: Linearised, law: Callable[..., Array], amount: float) -> Iterator[Case]:
     """Yield the change by k_d that reflects by another law, by an amount. Each view has one light, without extent."""
     single = all(len(lit) == 1 and isinstance(at.fit.scene.lights[lit[0]], OF_ONE_PLACE) for lit in at.set_up.lit)
     plain = all(view.sensor is None for view in at.fit.views)
@@ -70,14 +75,14 @@ def _of_law(at: Linearised, law: DiffuseLaw, amount: float) -> Iterator[Case]:
         yield Case(0, at.of(_beyond_lambert(at.fit.scene, view, law) for view in at.fit.views)[None] / amount)
 
 
-def _beyond_lambert(scene: Scene, view: View, law: DiffuseLaw) -> Float[np.ndarray, "h w c"]:
+def _beyond_lambert(scene: Scene, view: View, law: Callable[..., Array]) -> Float[np.ndarray, "h w c"]:
     """Return what the surfaces of a scene show a view beyond Lambert's law."""
     n, p, inside, n_v, ray = seen_points(scene.objects, view.camera)
     k = lights_on(scene, view)[0]
     light: Any = scene.lights[k]
     l = np.asarray(light.path(None if p is None else Vec3.of(p)).l.stack())
     n_l, none = np.sum(n * l, -1), np.zeros(len(scene.channels))
-    beyond = np.maximum(np.asarray(law.at(n_l, n_v, -np.sum(l * ray, -1))), 0.0) - np.maximum(n_l, 0.0)
+    beyond = np.maximum(np.asarray(law(n_l, n_v, -np.sum(l * ray, -1))), 0.0) - np.maximum(n_l, 0.0)
     # given as ambient light too, what arrives is reflected whichever way a surface faces
     each = (item.material for item in scene.objects)
     flat = [replace(of, k_a=of.k_d, k_d=none, k_s=none, k_e=none, highlights=()) for of in each]

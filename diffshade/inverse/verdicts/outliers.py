@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ...core.masks import Mask
 from ...core.robust_scale import OUTLIER, robust_scale
 from ...core.thresholds import MOST, SMALL
 from ..forward.sums import residuals
 from ..laid_out import LaidOut
-from ..misfit.noise_tests import FALSE_ALARM, leftovers, whiteness
+from ..misfit.noise_tests import BINS, FALSE_ALARM, leftovers, whiteness
 from ..pixels.blocks import chunks as in_chunks
 from ..problem import PART
 from ..result import Fit
@@ -82,12 +82,18 @@ def without_outliers(fit: Fit) -> WithoutOutliers:
 
 
 def _far(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> Sequence[Mask]:
-    """Return the pixels of each view that are far from what the model shows at theta."""
-    found = laid.task.on_all_cores(residuals, theta, laid.chunks)
-    scale = robust_scale(np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found]))
+    """Return the pixels of each view that are far from what the model shows at theta.
+
+    They are far by the scale of all residuals, and by that of those where as much light is: most noise grows with it.
+    """
+    found = [tuple(map(np.asarray, of)) for of in laid.task.on_all_cores(residuals, theta, laid.chunks)]
+    off, light = (np.concatenate([of[i][of[2]] for of in found]) for i in (0, 1))
+    alike = np.array_split(np.argsort(light), min(BINS, len(light)))
+    scale = np.maximum(robust_scale(off), [robust_scale(off[of]) for of in alike])
+    edges = light[[of[0] for of in alike[1:]]]
     masks = [np.zeros(view.camera.shape, bool) for view in laid.problem.data.views]
-    for (r, counts), pieces in zip(found, in_chunks(laid.parts), strict=True):
-        far: Bool[np.ndarray, "blocks pixels"] = np.any((np.abs(r) > OUTLIER * scale) & counts, 1)
+    for (r, m, counts), pieces in zip(found, in_chunks(laid.parts), strict=True):
+        far = np.any((np.abs(r) > OUTLIER * scale[np.searchsorted(edges, m)]) & counts, 1)
         for of_piece, piece in zip(far, pieces, strict=True):
             masks[piece.view].reshape(-1)[piece.pixels] |= of_piece[: len(piece.pixels)]
     return masks

@@ -40,10 +40,11 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if exact or outside or fit.evidence.waves is not None:
         return fit
     is_noise, shown = residuals.p_value > FALSE_ALARM, beside(fit)
-    dark = any(samples.zeros >= MIN_PILE for samples in fit.solved.problem.data.samples)
+    known = any(samples.zeros >= MIN_PILE or samples.reach for samples in fit.solved.problem.data.samples)
     held, free = bounded(fit), np.flatnonzero(~fit.at_bound)
     beyond = fit.evidence.p_of_holding(held, free) <= FALSE_ALARM  # few pixels tell of a highlight, and all are judged
-    if is_noise and not dark and not beyond and (shown is None or p_of_level(shown) > FALSE_ALARM):
+    level = 1.0 if shown is None else p_of_level(shown)
+    if is_noise and not known and not beyond and level > FALSE_ALARM:
         return fit
     report_progress("what the residuals show")
     if other := other_convention(fit, residuals.squares):
@@ -79,7 +80,8 @@ def _outliers(fit: Fit, seen: Explained, report_progress: ReportProgress) -> Wit
     most of what is wrong, or move a value by more than its error.
     """
     sure = any(
-        f.fault.beside or f.fault.kind == "bound" or (f.share > SMALL and not f.fault.unnamed) for f in seen.found
+        f.fault.beside or f.fault.kind in ("bound", "pixels") or (f.share > SMALL and not f.fault.unnamed)
+        for f in seen.found
     )
     if fit.likelihood.loss != "squares" or sure or not fit.determined.any():
         return None
