@@ -38,8 +38,8 @@ def with_exposures(first: Taught) -> Taught:
     """Return what photographs teach with how much more each shows than it is said to undone, the exposures, and notes.
 
     What was taught first, where it is not told. Each photograph must have one light of its own. Brightness is
-    believed only if photographs that are left out are clearly predicted better, of twelve or more, if its error is below
-    a tenth, and if one is beyond three of its errors, since wrong lights look like exposures that are hardly told; else
+    believed only if photographs that are left out are clearly predicted better, of twelve or more, if its error is
+    below a tenth, and if one is beyond three errors, since wrong lights look like exposures that are hardly told; else
     a note says that it differs.
     """
     said, every = one_light_each(first.scene, first.views), len(first.views)

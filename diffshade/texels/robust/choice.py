@@ -51,7 +51,8 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
 
     Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
     one. Lambert's law is judged before, with outliers and darkness assumed. The object is matte where a highlight
-    does not lower the error. With fewer than six views, of which none can be left out, all is assumed but that.
+    does not lower the error. Where stated errors of the lights explain as much, it is matte and all observations count
+    alike. With fewer than six views, of which none can be left out, all is assumed but that law.
 
     Args:
         work: The fit.
