@@ -92,7 +92,7 @@ def _alike_within_lights(work: TexelWork, sample: TexelTile, one: Judged, other:
     if work.stated is None:
         return False
 
-    def apart(error: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "3 texels"]:
+    def apart(error: Float[np.ndarray, "views 3"]) -> Float[Array, "3 texels"]:
         def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Array:
             n = lowest_state(turned_by(work.observed(block, model), error), model).n
             return jnp.stack([n.x, n.y, n.z])
