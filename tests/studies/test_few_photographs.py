@@ -73,6 +73,21 @@ def test_few_photographs_beat_least_squares(material, count):
 
 
 @pytest.mark.parametrize(
+    ("material", "count", "seed"),
+    [("two", 6, 1), ("matte", 12, 3), *(pytest.param(m, 6, 3, marks=pytest.mark.slow) for m in ("matte", "glossy"))],
+)
+def test_what_errors_of_the_lights_explain_is_no_highlight_no_shadow_and_no_exposure(material, count, seed):
+    """Under lights that stand together photographs that were left out choose by chance: up to 20 degrees off."""
+    of = bumpy(material, count, 20.0, off=3.0, cast=True, seed=seed)
+    maps = ds.fit_texels(of.scene, of.views, free=FREE, light_error=3.0)
+    off, plain = (degrees_between(n, of.normal)[of.mask] for n in (maps.values["normal"], of.least_squares()))
+    assert off.mean() <= plain.mean() + 0.35
+    assert np.mean(off <= maps.errors["normal"][of.mask][:, 0]) > 0.68
+    assert maps.exposures is None
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
     ("count", "cone"), [(12, 60.0), *(pytest.param(*of, marks=pytest.mark.slow) for of in ((6, 40.0), (24, 80.0)))]
 )
 def test_a_rough_surface_is_told_and_its_normals_hold(count, cone):

@@ -38,8 +38,9 @@ def with_exposures(first: Taught) -> Taught:
     """Return what photographs teach with how much more each shows than it is said to undone, the exposures, and notes.
 
     What was taught first, where it is not told. Each photograph must have one light of its own. Brightness is
-    believed only if photographs that are left out are clearly predicted better, of twelve or more, and if its error is
-    below a tenth, since wrong lights look like exposures that are hardly told; else a note says that it differs.
+    believed only if photographs that are left out are clearly predicted better, of twelve or more, if its error is
+    below a tenth, and if one is beyond three errors, since wrong lights look like exposures that are hardly told; else
+    a note says that it differs.
     """
     said, every = one_light_each(first.scene, first.views), len(first.views)
     colour = None if said is None or len(set(said.used)) < max(every, GROUPS) else _colours(first)
@@ -55,7 +56,8 @@ def with_exposures(first: Taught) -> Taught:
             found = _refined(found, said, first, free * _of_directions(as_said, first.run.light_error))
         taught = _taught_with(found, said, first)
         agrees = clearly_better(first.errors, taught.errors)
-        vague = agrees and bool(np.median(found.error) > SMALL)
+        known = np.abs(np.log(found.factor)).max(-1) > 3.0 * found.error
+        vague = agrees and not (known.any() and np.median(found.error) < SMALL)
         if agrees and not vague:
             return taught
     taught = _taught_with(as_said, said, first) if coloured else first

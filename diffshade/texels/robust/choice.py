@@ -28,7 +28,7 @@ from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .calibration import GROUPS
 from .learning import Assumptions, ObjectModel, every_assumption, first_model, learned
-from .observations import BlockObservations
+from .observations import BlockObservations, turned_by
 from .reflection_shape import lobe_taken
 from .robust_descent import DescentState
 from .texel_work import BLOCK, TexelWork
@@ -51,7 +51,8 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
 
     Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
     one. Lambert's law is judged before, with outliers and darkness assumed. The object is matte where a highlight
-    does not lower the error. With fewer than six views, of which none can be left out, all is assumed but that.
+    does not lower the error. Where stated errors of the lights explain as much, it is matte and all observations count
+    alike. With fewer than six views, of which none can be left out, all is assumed but that law.
 
     Args:
         work: The fit.
@@ -69,13 +70,39 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
             other = learned(other, work.sample_at_minimum(few, other))
         return Judged(other, errors_of_shared(work, few, [other]))
 
+    like_lights = 3.0  # times chance: errors of the lights look a little like another law, highlights and shadows
     first = {yes: [judged(assumed) for assumed in every_assumption(lambertian=yes)[:2]] for yes in (True, False)}
     lambert, other = (min(first[yes], key=lambda one: mean_error(one.errors)) for yes in (True, False))
-    is_other = clearly_better(lambert.errors, other.errors, times=3.0)  # errors of the lights look a little like it
+    is_other = clearly_better(lambert.errors, other.errors, times=like_lights)
     tried, every = first[not is_other], every_assumption(lambertian=not is_other)
     tried += map(judged, every[2:])
     glossy, matte = (_best_of([one for one in tried if one.model.assumed.glossy == yes]) for yes in (True, False))
-    return glossy.model if mean_error(glossy.errors) < mean_error(matte.errors) else matte.model
+    best, plain = glossy if mean_error(glossy.errors) < mean_error(matte.errors) else matte, tried[-1]
+    if clearly_better(plain.errors, best.errors, times=like_lights) or not _alike_within_lights(work, few, best, plain):
+        return best.model
+    return plain.model
+
+
+def _alike_within_lights(work: TexelWork, sample: TexelTile, one: Judged, other: Judged) -> bool:
+    """Return whether errors that are stated of the lights alone turn two models' normals as far apart as they are.
+
+    The test of Hausman (1978): of two estimates that differ by no more than that, the one with fewer freedoms is meant.
+    How far the lights turn them is drawn (Barnard 1963), since a normal may jump from one minimum to another.
+    """
+    if work.stated is None:
+        return False
+
+    def apart(error: Float[np.ndarray, "views 3"]) -> Float[Array, "3 texels"]:
+        def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Array:
+            n = lowest_state(turned_by(work.observed(block, model), error), model).n
+            return jnp.stack([n.x, n.y, n.z])
+
+        return work.each(sample, program, [one.model]) - work.each(sample, program, [other.model])
+
+    random, root, draws = np.random.default_rng(0), work.stated.direction, round(1.0 / MINOR) - 1
+    as_said = apart(np.zeros(root.shape[:2], np.float32))
+    drawn = (np.einsum("vij,vj->vi", root, random.standard_normal(root.shape[:2])) for _ in range(draws))
+    return any(np.square(apart(error.astype(np.float32)) - as_said).sum() > np.square(as_said).sum() for error in drawn)
 
 
 def from_nothing(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> ObjectModel:

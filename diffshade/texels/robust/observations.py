@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...model.diffuse_laws import LAMBERT, DiffuseLaw
 from ...model.lobes import AbstractPowerLobe
-from ...model.vectors import Vec3, dot
+from ...model.vectors import Vec3, dot, normalize
 from ..blocks import TexelBlock, reflected
 from ..geometry import LightingGeometry, lighting_geometry
 from ..lighting import LightingSetup
@@ -148,3 +148,10 @@ def observe(
     return BlockObservations(
         (grey / level[None]).astype(jnp.float32), reached, believed, level.astype(jnp.float32), single
     )
+
+
+@jax.jit
+def turned_by(observed: BlockObservations, error: Float[Array, "views 3"]) -> BlockObservations:
+    """Return the same under lights whose unit vectors are off by some error."""
+    off = Vec3(*(error[:, i, None, None] for i in range(3)))
+    return eqx.tree_at(lambda o: o.lights.l, observed, normalize(observed.lights.l + off))

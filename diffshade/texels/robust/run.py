@@ -62,13 +62,13 @@ class RobustRun(TexelWork):
             light_error: How well each view's lights are known; by default to a degree.
         """
         setup = eqx.tree_at(lambda setup: setup.lobe, setup, beside_blinn(setup.lobe))
-        super().__init__(setup, known, loss, regions, tiles)
+        super().__init__(setup, known, loss, regions, tiles, light_error)
         self.neighbours = neighbours
         self.light_error = light_error or LightErrors.within(np.full(len(tiles.reader.views), DEGREE))
 
     def under(self, setup: LightingSetup, light_error: LightErrors | None = None) -> RobustRun:
         """Return what works on the same texels, for photographs, and errors of lights, that are described otherwise."""
-        same, light_error = (self.known, self.loss, self.regions, self.tiles), light_error or self.light_error
+        same, light_error = (self.known, self.loss, self.regions, self.tiles), light_error or self.stated
         return RobustRun(setup, *same, neighbours=self.neighbours, light_error=light_error)
 
     def learn(self, sample: TexelTile, assumed: Assumptions | None = None) -> list[ObjectModel]:

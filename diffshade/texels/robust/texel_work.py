@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..between_lights import BetweenLights
-from ..lighting import LightingSetup
+from ..lighting import LightErrors, LightingSetup
 from ..prediction import KnownCoefficients, TexelBlock
 from ..tile_runner import TileRunner
 from ..tiles import MIN_BLOCK, SQUARE, TexelPart, TexelTile
@@ -64,6 +64,8 @@ class TexelWork:
     """Region of each pixel, numbered from 0 without gaps; None makes the object one."""
     tiles: TileRunner
     """What reads the tiles and stores the maps."""
+    stated: LightErrors | None
+    """How well each view's lights are said to be known; None: nothing is said."""
 
     def observed(self, block: TexelBlock, model: ObjectModel) -> BlockObservations:
         """Return what the views show of a block."""
