@@ -79,7 +79,11 @@ def fit(
     inside the scene's silhouette, nothing is determined. A prior is reported if it is four standard deviations from the
     value that the images alone give, and values that it moves by two errors are not determined. If the images of
     integer files have less noise than a step, the steps are found from the values, and the effect of rounding is added
-    to the errors (`Fit.rounding`). Lazy images are not compared with the silhouette.
+    to the errors (`Fit.rounding`).
+
+    Cameras, and renderers with several rays a pixel, average over pixels. Where the background beside the objects shows
+    that, the pixels along edges are left out, `Fit.counts.mixed` of them, and the errors contain what averages change in
+    the others. Lazy images are not compared with the silhouette, in this too.
 
     Args:
         scene: The scene. Its values of free parameters matter only if the search begins at them (see above).

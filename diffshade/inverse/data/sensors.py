@@ -57,8 +57,8 @@ class Sensor(Checked):
         blue: Gain of blue over green, above 0; default 1.
         vignetting: V; default none.
         blur: Standard deviation of a Gaussian blur, pixels; default 0. A fit takes sixteen places around each pixel,
-            exact for shading that is a polynomial of degree 7, which an outline is not: pixels up to four from edges are
-            left out, as far as the photographs mix them; above a blur of 1 erode the mask by four times the blur.
+            exact for shading that is a polynomial of degree 7, which an outline is not: up to four pixels along edges
+            are left out, where the photographs mix them; above a blur of 1 erode the mask by four times the blur.
     """
 
     gamma: Scalar = eqx.field(
