@@ -82,8 +82,8 @@ def fit(
     to the errors (`Fit.rounding`).
 
     Cameras, and renderers with several rays a pixel, average over pixels. Where the background beside the objects shows
-    that, the pixels along edges are left out, `Fit.counts.mixed` of them, and the errors contain what averages change in
-    the others. Lazy images are not compared with the silhouette, in this too.
+    that, the pixels along edges are left out (`Fit.counts.mixed`), and the errors contain what averages change in the
+    others. Lazy images are not looked at for this, nor compared with the silhouette.
 
     Args:
         scene: The scene. Its values of free parameters matter only if the search begins at them (see above).
