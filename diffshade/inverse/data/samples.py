@@ -15,7 +15,7 @@ from ...core.thresholds import SMALL
 from ...io.lazy_images import TILE, LazyImage
 from ...model.rendering import select
 from ...model.scenes import Scene, check_positions, check_shapes
-from .mixed_pixels import Edges
+from .mixed_pixels import Edges, SeenEdges
 from .views import Image, View, camera_key, colours, has_alpha, has_mask
 
 JUST_BELOW = 1.0 - SMALL  # of the largest value: so far down values are compared with it
@@ -135,17 +135,13 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False, edges: dict[
     check_positions(scene, view.camera)
     if moving and not has_mask(view):
         raise ValueError("a fit of a surface needs a mask of its pixels; got none. Give View.mask.")
-    inside = kept(view)
-    if moving:
-        inside, reach = ndimage.binary_erosion(inside), 0
-        counting = inside
-    else:
-        key, edges = camera_key(view.camera), {} if edges is None else edges
-        if key not in edges:
-            edges[key] = Edges(scene.objects, view.camera)
-        inside = inside & edges[key].inside
-        reach = 0 if isinstance(view.image, LazyImage) else edges[key].reach(colours(view))
-        counting = edges[key].unmixed(inside, reach)
+    key, inside, edges = camera_key(view.camera), kept(view), {} if edges is None else edges
+    if not moving and key not in edges:
+        edges[key] = SeenEdges(scene.objects, view.camera)
+    of = Edges(inside) if moving else edges[key]
+    reach = 0 if isinstance(view.image, LazyImage) else of.reach(colours(view))
+    inside = ndimage.binary_erosion(inside) if moving else inside & of.inside
+    counting = of.unmixed(inside, reach)
     pixels = np.flatnonzero(counting).astype(np.int32)
     if not len(pixels):
         raise ValueError(
