@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.thresholds import FAR_MORE, MOST, SLIGHT, SMALL
-from ..pixels.blocks import BLOCK
+from ..pixels.blocks import BLOCK, MANY
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, values_at
@@ -19,11 +19,12 @@ from .directions import Directions, changes_of
 from .faults import FAULTS
 from .found import Fault, Found
 from .linearised import Linearised, linearise
+from .noise_tests import FALSE_ALARM, Whiteness
 from .relevance import FaultEvidence, Relevance, relevance
 from .set_up import SetUp
 
 MAX_VIEWS = 64  # that are looked at, so that memory holds what each of them may have
-PIXELS = 2 * BLOCK  # of all views together, on which a fit's own residuals are explained
+PIXELS = 2 * BLOCK  # of all views together, on which residuals are explained that are no noise; on `MANY` the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,20 +101,28 @@ class _Look:
         return Found(one.fault, fit, case.which, views, gain / self.evidence.squares, amount / one.size, moved)
 
 
-def explain(fit: Fit, squares: Mapping[int, float]) -> Explained:
+def explain(fit: Fit, residuals: Whiteness) -> Explained:
     """Return what faults the residuals of a fit contain. In float64.
 
     Args:
         fit: The fit.
-        squares: The mean square of the residuals of each view. Of many views the worst are looked at, and some others.
+        residuals: Whether they are noise. Of many views the worst are looked at, and some others.
     """
+    squares = residuals.squares
     if len(squares) > MAX_VIEWS:
         worst, every = sorted(squares, key=lambda i: -squares[i]), sorted(squares)
         kept = {*worst[: MAX_VIEWS // 2], *every[:: 2 * len(every) // MAX_VIEWS]}
         masks = [None if i in kept else np.zeros(view.camera.shape, bool) for i, view in enumerate(fit.views)]
         fit = replace(fit, solved=fit.solved.keeping(masks))
-    set_up = SetUp(fit, (place for fault in FAULTS for place in fault.numbers(fit)), PIXELS)
-    return explained(linearise(set_up, set_up.given))
+    numbers = [place for fault in FAULTS for place in fault.numbers(fit)]
+
+    def on(pixels: int) -> Explained:
+        set_up = SetUp(fit, numbers, pixels)
+        return explained(linearise(set_up, set_up.given))
+
+    is_noise = residuals.p_value > FALSE_ALARM  # on the whole: a fault in them is small
+    seen = on(MANY if is_noise else PIXELS)
+    return seen if seen.found or is_noise or residuals.is_even else on(MANY)
 
 
 def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:

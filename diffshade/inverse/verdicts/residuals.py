@@ -50,7 +50,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if other := other_convention(fit, residuals.squares):
         lost = np.zeros_like(fit.determined)
         return replace(fit, determined=lost, notes=(Note(other, "cause", ("convention",)), *fit.notes))
-    seen = explain(fit, residuals.squares)
+    seen = explain(fit, residuals)
     if is_noise and not seen.found:
         return fit
     gamma = next((f.share for f in seen.found if f.fault.kind == "gamma" or f.fault.mended is not None), None)
