@@ -78,7 +78,7 @@ NOISES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 def test_what_adds_up_along_the_outline_is_seen_before_it_is_no_noise_any_more():
     random, disc = np.random.default_rng(7), X**2 + Y**2 < 0.9
-    edge = disc & ~ndimage.binary_erosion(disc)
+    edge = disc & np.logical_not(ndimage.binary_erosion(disc))
     noise = [whiteness([left(white(random))]).is_even for _ in range(500)]
     dimmer = [whiteness([left(white(random) - SHADE * edge)]) for _ in range(50)]
     assert np.mean(noise) > 0.975
