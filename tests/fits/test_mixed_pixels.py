@@ -60,7 +60,8 @@ def test_fits_of_renders_with_many_rays_a_pixel_hold_without_a_mask(surface, lig
     fit = ds.fit(told_nothing(scene), photographed(scene, samples, blur), free=FREE)
     assert fit.determined.all()
     np.testing.assert_array_less(np.abs(fit.values - fit.values_in(scene)), 3.0 * fit.errors)
-    assert not [note for note in fit.notes if note.kind == "cause" and note.names[0] in WRONG - {"blur" if blur else ""}]
+    wrong = WRONG - {"blur"} if blur else WRONG
+    assert not [note for note in fit.notes if note.kind == "cause" and note.names[0] in wrong]
     (note,) = [note for note in fit.notes if note.kind == "edges"]
     assert f"{fit.counts.mixed:,} pixels" in note
 
