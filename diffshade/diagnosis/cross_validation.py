@@ -82,7 +82,7 @@ def cross_validate(laid: LaidOut, folds: Parts, scale: float, report_progress: C
         held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(alone)}
         end = laid.minimise(held, chunks=[chunk for i, of in enumerate(weighed) if i != k for chunk in of])
         converged &= not end.message
-        for r, counts in jax.tree.map(np.asarray, laid.task.on_all_cores(residuals, end.theta, chunks[k])):
+        for r, counts, _ in jax.tree.map(np.asarray, laid.task.on_all_cores(residuals, end.theta, chunks[k])):
             squares[k] += scale**2 * float(np.sum(rho((r[counts] / scale) ** 2)))
             samples[k] += float(counts.sum())
     own = dict.fromkeys(u.quantity for u, view in zip(problem.unknowns, single_view, strict=True) if view >= 0)

@@ -158,7 +158,7 @@ def _settle(
 def _scale(task: Task, part: list[Block], theta: Theta, *, robust: bool) -> float:
     """Return the scale of the residuals: by the median of their size, or their root mean square."""
     found = task.on_all_cores(residuals, theta, part)
-    r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, _, counts in found])
+    r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts, _ in found])
     return robust_scale(r) if robust else float(np.sqrt(np.mean(r**2)))
 
 

@@ -58,12 +58,12 @@ weights_of_views = jit_quickly(lambda model: model.view_weights())
 def residuals(
     theta: Theta, model: AbstractForwardModel, chunk: Block
 ) -> tuple[Float[Array, "blocks channels pixels"], ...]:
-    """Return the weighted residuals of a chunk, what is predicted, and which samples were measured."""
+    """Return the weighted residuals of a chunk, which samples were measured, and what is predicted."""
 
     def of_block(block: Block) -> tuple[Array, Array, Array]:
         m = jnp.stack(model.predict(theta, block))
         r = jnp.sqrt(model.sample_weights(block)) * (m - block.observed.target)
-        return r, m, model.measured_weights(block) > 0
+        return r, model.measured_weights(block) > 0, m
 
     return jax.lax.map(of_block, chunk)
 

@@ -87,12 +87,12 @@ def _far(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> Sequence[Mask]:
     They are far by the scale of all residuals, and by that of those where as much light is: most noise grows with it.
     """
     found = [tuple(map(np.asarray, of)) for of in laid.task.on_all_cores(residuals, theta, laid.chunks)]
-    off, light = (np.concatenate([of[i][of[2]] for of in found]) for i in (0, 1))
+    off, light = (np.concatenate([of[i][of[1]] for of in found]) for i in (0, 2))
     alike = np.array_split(np.argsort(light), min(BINS, len(light)))
     scale = np.maximum(robust_scale(off), [robust_scale(off[of]) for of in alike])
     edges = light[[of[0] for of in alike[1:]]]
     masks = [np.zeros(view.camera.shape, bool) for view in laid.problem.data.views]
-    for (r, m, counts), pieces in zip(found, in_chunks(laid.parts), strict=True):
+    for (r, counts, m), pieces in zip(found, in_chunks(laid.parts), strict=True):
         far = np.any((np.abs(r) > OUTLIER * scale[np.searchsorted(edges, m)]) & counts, 1)
         for of_piece, piece in zip(far, pieces, strict=True):
             masks[piece.view].reshape(-1)[piece.pixels] |= of_piece[: len(piece.pixels)]
