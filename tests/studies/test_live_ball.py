@@ -85,7 +85,7 @@ def on_one_side(scene, camera):
     sides = [inside]
     for light in scene.lights:
         for place, axis, cutoff in emitters(light):
-            l = unit(-np.asarray(axis)) if place is None else unit(place - p)
+            l = unit(-np.asarray(axis)) if place is None else unit(np.asarray(place) - p)
             n_l = np.sum(n * l, -1)
             sides += [n_l > 0, np.sum(v * (2 * n_l[..., None] * n - l), -1) > 0]
             if cutoff is not None:
