@@ -179,8 +179,8 @@ def _shared(sizes: Sequence[Sequence[Sums]]) -> float | None:
 def _all_sums(view: Leftover) -> list[Sums]:
     """Return the sums of one view over cells of three sizes, then by brightness, and with what the picture looks like.
 
-    All are of the channels together, then of each colour. The last are the sums of the squares by brightness, less their
-    mean, and of the squares of these; and both along the brightness, since most noise grows with it.
+    They are of the channels together, then of each colour. The last are the sums of the squares by brightness, less
+    their mean, and of the squares of these; and both along the brightness, since most noise grows with it.
     """
     light, at = view.light, view.shown
     unit = np.float32(1.0 / view.mean_square**0.5)  # whose fourth powers single precision holds
