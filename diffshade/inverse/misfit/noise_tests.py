@@ -167,13 +167,15 @@ def _shared(sizes: Sequence[Sequence[Sums]]) -> float | None:
     """Return the variance of sums of noise over that of independent noise, of most cells; None if it is no noise.
 
     Neighbours share noise less far than cells reach, so that it is nearly the same for cells of any size, where that of
-    a wrong description grows with their area; and in all cells, where a highlight that is wrong is in few.
+    a wrong description grows with their area; in all cells, where a highlight that is wrong is in few; and in sums over
+    the views, which may all be wrong alike.
     """
-    S2, Q = ([np.concatenate([of[k] ** (2 - k) for of in views]) for views in sizes] for k in range(2))
-    finest, fine, coarse = (float(S.sum() / squares.sum()) for S, squares in zip(S2, Q, strict=True))
-    usual = max(1.0, float(np.median((S2[1] / np.where(Q[1] > 0, Q[1], 1.0))[Q[1] > 0]) / special.chdtri(1, 0.5)))
-    grows = special.fdtrc(np.count_nonzero(Q[2]), np.count_nonzero(Q[1]), coarse / fine) < MINOR
-    return None if grows or fine > CLEARLY * min(finest, usual) else usual
+    S, Q = ([np.array([of[k] for of in views]) for views in sizes] for k in range(2))
+    finest, fine, coarse = (float(np.sum(s**2) / q.sum()) for s, q in zip(S, Q, strict=True))
+    alike, cells = float(np.sum(S[1].sum(0) ** 2) / Q[1].sum()), Q[1] > 0
+    usual = max(1.0, float(np.median(S[1][cells] ** 2 / Q[1][cells]) / special.chdtri(1, 0.5)))
+    grows = special.fdtrc(np.count_nonzero(Q[2]), np.count_nonzero(cells), coarse / fine) < MINOR
+    return None if grows or max(fine, alike) > CLEARLY * min(finest, usual) else usual
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
