@@ -175,7 +175,7 @@ def _shared(sizes: Sequence[Sequence[Sums]]) -> float | None:
     alike, cells = float(np.sum(S[1].sum(0) ** 2) / Q[1].sum()), Q[1] > 0
     usual = max(1.0, float(np.median(S[1][cells] ** 2 / Q[1][cells]) / special.chdtri(1, 0.5)))
     grows = special.fdtrc(np.count_nonzero(Q[2]), np.count_nonzero(cells), coarse / fine) < MINOR
-    return None if grows or max(fine, alike) > CLEARLY * min(finest, usual) else usual
+    return None if grows or max(fine, alike) > CLEARLY * min(finest, usual) else max(1.0, min(fine, usual))
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
