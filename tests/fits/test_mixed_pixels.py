@@ -66,6 +66,19 @@ def test_fits_of_renders_with_many_rays_a_pixel_hold_without_a_mask(surface, lig
     assert f"{fit.counts.mixed:,} pixels" in note
 
 
+def test_noise_of_paths_that_a_filter_spreads_is_no_uneven_light():
+    matte = ds.Scene(ds.Object(BALL, ds.Material(k_a=0.05, k_d=(0.6, 0.4, 0.2))), LIGHTS[:1])
+    (sharp,), random, off, uneven = photographed(matte, 4), np.random.default_rng(0), [], 0
+    for _ in range(6):
+        light = sharp.image * (1.0 + 0.05 * random.standard_normal((96, 96, 1)))  # the same paths light all colours
+        view = dataclasses.replace(sharp, image=ndimage.gaussian_filter(light, (0.5, 0.5, 0)))
+        fit = ds.fit(told_nothing(matte), [view], free=FREE)
+        off.extend(((fit.values - fit.values_in(matte)) / fit.errors)[fit.determined])
+        uneven += any("uneven light" in note.names for note in fit.notes)
+    assert uneven <= 1
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
 @pytest.mark.thorough
 def test_a_sensor_whose_blur_is_that_of_the_pixels_has_no_fault_left():
     scene = scene_of(BALL, 1)

@@ -124,3 +124,19 @@ def test_what_is_left_of_a_fit_is_its_whitened_residuals_and_clipped_samples_tha
         np.testing.assert_allclose(unit * of.residual[sure], expected[sure], rtol=1e-6, atol=1e-9)
         np.testing.assert_allclose(brightest * of.light, shown.sum(-1), rtol=1e-6)
     assert clipped > 20
+
+
+@pytest.mark.parametrize("count", [1, 6])
+@pytest.mark.parametrize(("sigma", "expected"), [(0.01, 1.0), (0.5, 2.4)])
+def test_noise_that_neighbours_share_is_told_from_a_wrong_description(count, sigma, expected):
+    random, found = np.random.default_rng(6), []
+
+    def noise():
+        return ndimage.gaussian_filter(white(random), sigma)
+
+    for _ in range(50):
+        found.append(whiteness([left(noise()) for _ in range(count)]).shared)
+        for change in (CHANGES["smooth"], CHANGES["shift"], CHANGES["patch"]):
+            assert whiteness([left(10.0 * change + noise()) for _ in range(count)]).shared is None
+    assert np.median([of for of in found if of is not None]) == pytest.approx(expected, rel=0.35)
+    assert sum(of is None for of in found) < 15

@@ -100,12 +100,13 @@ class _Look:
         return Found(one.fault, fit, case.which, views, gain / self.evidence.squares, amount / one.size, moved)
 
 
-def explain(fit: Fit, squares: Mapping[int, float]) -> Explained:
+def explain(fit: Fit, squares: Mapping[int, float], shared: float = 1.0) -> Explained:
     """Return what faults the residuals of a fit contain. In float64.
 
     Args:
         fit: The fit.
         squares: The mean square of the residuals of each view. Of many views the worst are looked at, and some others.
+        shared: By how much sums of the residuals over neighbours vary more than of independent ones, if they are noise.
     """
     if len(squares) > MAX_VIEWS:
         worst, every = sorted(squares, key=lambda i: -squares[i]), sorted(squares)
@@ -113,10 +114,10 @@ def explain(fit: Fit, squares: Mapping[int, float]) -> Explained:
         masks = [None if i in kept else np.zeros(view.camera.shape, bool) for i, view in enumerate(fit.views)]
         fit = replace(fit, solved=fit.solved.keeping(masks))
     set_up = SetUp(fit, (place for fault in FAULTS for place in fault.numbers(fit)), PIXELS)
-    return explained(linearise(set_up, set_up.given))
+    return explained(linearise(set_up, set_up.given), shared=shared)
 
 
-def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
+def explained(at: Linearised, faults: Sequence[Fault] = FAULTS, *, shared: float = 1.0) -> Explained:
     """Return what faults the residuals contain where a set-up was linearised.
 
     The errors are those of the unknowns along the posterior of all amounts, and the square of the move by the likeliest
@@ -126,7 +127,7 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     """
     set_up, fit = at.set_up, at.set_up.fit
     # an unknown at a physical bound, 0, is free beyond it here; one at another bound is a fault of its own
-    first = _look(at, faults, np.flatnonzero(~(fit.at_bound & (fit.values != 0.0))))
+    first = _look(at, faults, np.flatnonzero(~(fit.at_bound & (fit.values != 0.0))), shared)
     at_minimum = Directions(at, first.directions.changes[:0], np.flatnonzero(~fit.at_bound))
     of_noise = at_minimum.errors() / coordinate_slopes(fit.values, fit.unknowns)
     if not first.of.active.any() and not any(one.case.known for one in first.candidates):
@@ -136,7 +137,7 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
     there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
     before = values_at(first.minimum[: set_up.own], fit.unknowns)
-    errors = [_errors(look, found, before) for look in (first, _look(there, faults, inside))]
+    errors = [_errors(look, found, before) for look in (first, _look(there, faults, inside, shared))]
     named = [f for f in found if not f.fault.unnamed]
     instead = [np.abs(f.moves) for f in named] if all(first.is_instead(f) for f in named) else []
     return Explained(found, np.max([*errors, *instead], 0), of_noise, _like_gamma(first))
@@ -168,7 +169,7 @@ def _errors(look: _Look, found: Sequence[Found], before: Vector) -> Vector:
     return np.sqrt(np.einsum("kp,kl,lp->p", moves, look.of.covariance, moves) + away**2 + more)
 
 
-def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " inside"]) -> _Look:
+def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " inside"], shared: float) -> _Look:
     cases = [(fault, *case) for fault in faults for case in changes_of(at, fault)]
     squares = np.bincount(at.set_up.view, at.slope**2 / np.where(at.weight > 0, at.weight, 1.0), len(at.fit.views))
     worst = {*np.argsort(-squares / np.maximum(np.diff(at.set_up.first), 1))[:MAX_VIEWS].tolist()}
@@ -179,6 +180,7 @@ def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " ins
     changes = np.concatenate([x / of for (*_, x), of in zip(cases, size, strict=True)])
     directions = Directions(at, changes, inside)
     evidence = _with_samples_beside(candidates, group, directions)
+    evidence = replace(evidence, freedom=max(evidence.freedom / shared, 1.0))  # so many samples are independent
     return _Look(candidates, directions, evidence, relevance(evidence))
 
 
@@ -239,7 +241,7 @@ def _named(
     largest = max(rest, key=lambda one: one[2])
     if alone and not any(of.active[k] for k, *_ in alone):
         alone, also = [alone[0], largest, *alone[1:]], [one for one in also if one[0] != largest[0]]
-    alone.sort(key=lambda one: candidates[one[0]].fault.kind != "bound")
+    alone.sort(key=lambda one: (candidates[one[0]].fault.kind != "bound", -one[2]))
     return [*first, *alone, *sorted(also, key=lambda one: -one[2])] or [largest]
 
 

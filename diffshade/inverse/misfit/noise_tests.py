@@ -23,6 +23,7 @@ from scipy import special
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
+from ...core.thresholds import CLEARLY, MINOR
 from ...parallel.threads import on_all_cores
 from ..forward.interface import AbstractForwardModel
 from ..forward.rendered import costs
@@ -143,6 +144,8 @@ class Whiteness(NamedTuple):
     """The variance of sums over the cells of the size where it is largest, over that of independent residuals."""
     squares: Mapping[int, float]
     """The mean square of the residuals of each view that has some, in any unit."""
+    shared: float | None = 1.0
+    """The same of most cells, if the residuals look like noise that neighbours share; None if they do not."""
 
 
 def whiteness(views: Sequence[Leftover]) -> Whiteness:
@@ -155,14 +158,31 @@ def whiteness(views: Sequence[Leftover]) -> Whiteness:
     found += [min(map(_p_of_variance, of)) * len(views) for of in (of_variance, along)]
     over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
     squares = {view.view: view.mean_square for view in views}
-    return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares)
+    shared = [_shared(sums[k : k + SIZES]) for k in range(0, SIZES * (1 + len(views[0].colours)), SIZES)]
+    of_sums = None if None in shared else shared[0]
+    return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares, of_sums)
+
+
+def _shared(sizes: Sequence[Sequence[Sums]]) -> float | None:
+    """Return the variance of sums of noise over that of independent noise, of most cells; None if it is no noise.
+
+    Neighbours share noise less far than cells reach, so that it is nearly the same for cells of any size, where that of
+    a wrong description grows with their area; in all cells, where a highlight that is wrong is in few; and in sums over
+    the views, which may all be wrong alike.
+    """
+    S, Q = ([np.array([of[k] for of in views]) for views in sizes] for k in range(2))
+    finest, fine, coarse = (float(np.sum(s**2) / q.sum()) for s, q in zip(S, Q, strict=True))
+    alike, cells = float(np.sum(S[1].sum(0) ** 2) / Q[1].sum()), Q[1] > 0
+    usual = max(1.0, float(np.median(S[1][cells] ** 2 / Q[1][cells]) / special.chdtri(1, 0.5)))
+    grows = special.fdtrc(np.count_nonzero(Q[2]), np.count_nonzero(cells), coarse / fine) < MINOR
+    return None if grows or max(fine, alike) > CLEARLY * min(finest, usual) else max(1.0, min(fine, usual))
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
-    """Return the sums of one view over cells of three sizes, by brightness, and with what the picture looks like.
+    """Return the sums of one view over cells of three sizes, then by brightness, and with what the picture looks like.
 
-    The last are the sums of the squares by brightness, less their mean, and of the squares of these; and both along
-    the brightness, since most noise grows with it.
+    They are of the channels together, then of each colour. The last are the sums of the squares by brightness, less
+    their mean, and of the squares of these; and both along the brightness, since most noise grows with it.
     """
     light, at = view.light, view.shown
     unit = np.float32(1.0 / view.mean_square**0.5)  # whose fourth powers single precision holds
@@ -191,17 +211,17 @@ def _all_sums(view: Leftover) -> list[Sums]:
     bands = [slice(first, min(first + step, height)) for first in range(0, height, step)]
     filled = [rows for rows in bands if at.first[rows.start + 1] < at.first[rows.stop + 1]]
     *parts, count, fourth = total(on_all_cores(of_band, filled))
+    cells: list[Sums] = []
     found: list[Sums] = []
     for first in range(0, len(parts), 5):  # the sum of the channels, then each colour
         *fine, of_bins, squares, looks = parts[first : first + 5]
-        found += [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
+        cells += [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
         found += [(of_bins, squares), *((of[:1], of[1:]) for of in looks)]
     squares = parts[3]
     excess, expected = squares - count, count * (fourth / len(light) - 1.0)
     middles = np.quantile(some, (np.arange(BINS) + 0.5) / BINS)
     along = middles - count @ middles / len(light)
-    found += [(excess, expected), (along[None] @ excess, along[None] ** 2 @ expected)]
-    return found
+    return [*cells, *found, (excess, expected), (along[None] @ excess, along[None] ** 2 @ expected)]
 
 
 def _looks(

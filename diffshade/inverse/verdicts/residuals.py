@@ -50,7 +50,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if other := other_convention(fit, residuals.squares):
         lost = np.zeros_like(fit.determined)
         return replace(fit, determined=lost, notes=(Note(other, "cause", ("convention",)), *fit.notes))
-    seen = explain(fit, residuals.squares)
+    seen = explain(fit, residuals.squares, residuals.shared or 1.0)
     if is_noise and not seen.found:
         return fit
     gamma = next((f.share for f in seen.found if f.fault.kind == "gamma" or f.fault.mended is not None), None)
@@ -59,7 +59,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if apart is not None and apart.is_noise:
         errors = np.hypot(np.maximum(fit.errors, seen.of_noise), apart.moves)
     else:
-        correlated = 1.0 if seen.found else np.sqrt(residuals.correlation)
+        correlated = np.sqrt((residuals.shared or 1.0) if seen.found else residuals.correlation)
         errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
         if better is not None and better.values is not None:
             errors = np.maximum(errors, np.abs(better.values - fit.values))
@@ -68,7 +68,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
     for found in seen.found:  # a value at a bound that the photographs contradict is known no better than the bound
         lost[beyond_bounds(found)] = fit.determined[beyond_bounds(found)]
-    found = _notes(fit, seen, better, apart, lost, is_noise=is_noise)
+    found = _notes(fit, seen, better, apart, lost, residuals)
     notes = (*fit.notes, *found) if fit.determined.any() else (*found, *fit.notes)  # the cause of all comes first
     return replace(fit, errors=errors, determined=fit.determined & ~lost, notes=notes)
 
@@ -98,8 +98,7 @@ def _notes(
     better: Mended | None,
     apart: WithoutOutliers | None,
     lost: Bool[np.ndarray, " p"],
-    *,
-    is_noise: bool,
+    residuals: Whiteness,
 ) -> list[Note]:
     """Say what the residuals show, how sure that is, and what to do."""
     named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
@@ -111,12 +110,13 @@ def _notes(
         why, kinds, is_known = f"{better.sentence} The errors allow for this{left}", (better.kind,), True
     elif is_known:
         why = f"{_sentences(seen.found[:MAX_NAMED])} The errors allow for this."
-    elif not seen.found:
+    elif not seen.found or residuals.shared is not None:  # what has no name is smooth, and would grow with the cells
         why = (
             "no fault of the description explains them. The noise differs with brightness, or neighbours share it, as "
-            "after JPEG, demosaicing or denoising. The errors are by the scatter of the samples, and of sums over "
-            "neighbours."
+            "after JPEG, demosaicing or denoising, and in pictures by path tracing. The errors are by the scatter of "
+            "the samples, and of sums over neighbours."
         )
+        kinds = ()
     else:
         why = (
             f"{seen.found[0]} No fault that has a name explains it, so the model may not have its cause. The errors "
@@ -124,7 +124,7 @@ def _notes(
         )
     if apart is not None and not apart.is_the_cause:
         why, kinds = f"{why} Perhaps also: {apart.sentence(fit)}", (*kinds, "outliers")
-    lead = "" if is_noise else "the residuals are not noise: "
+    lead = "" if residuals.p_value > FALSE_ALARM else "the residuals are not noise: "
     notes = [Note(f"{lead}{why}", "cause" if is_known else "misfit", kinds)]
     if lost.any():
         names = some_channels(lost, fit.unknowns)
