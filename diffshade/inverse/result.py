@@ -214,7 +214,7 @@ class Prediction:
     image: Float[np.ndarray, "h w c"]
     """What the fit predicts, in the photograph's channels."""
     counts: Bool[np.ndarray, "h w c"]
-    """Samples that count: on the object, inside the mask, not clipped."""
+    """Samples that count: on the object, inside the mask, not mixed along edges, not clipped."""
     lower: Float[np.ndarray, "h w c"] | None = None
     """The lower end of the band of each sample, where `fit_bands` made one."""
     upper: Float[np.ndarray, "h w c"] | None = None

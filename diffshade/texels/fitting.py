@@ -133,10 +133,10 @@ def fit_texels(
             read with 5 rows of their neighbours.
         light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
             one for each light. The errors of the normals then contain it, and all texels share a highlight; where the
-            lights do not allow that, a note says so. Highlights and shadows are assumed where they do more
-            than these errors would. A view under several lights has the largest of theirs. By default
-            the errors contain a degree, and a note says so, where all texels share a highlight; where each is fitted by
-            itself, the lights are taken to be exact.
+            lights do not allow that, a note says so. Highlights and shadows are assumed where they do more than these
+            errors would. A view under several lights has the largest of theirs. By default the errors contain a degree,
+            and a note says so, where all texels share a highlight; where each is fitted by itself, the lights are taken
+            to be exact.
         match_exposures: Whether photographs that are brighter or darker than their exposures say, or of another colour,
             are matched to each other, where all texels share a highlight and each photograph has a light of its own. It
             is done where twelve photographs or more show it, by 15 % in one of them or 5 % in a colour; a note says so.

@@ -251,9 +251,9 @@ def _found(look: _Look) -> tuple[Found, ...]:
     of_rest = _named(look.of, look.evidence, look.candidates)
     named = [look.found(look.candidates[k], amount, gain) for k, amount, gain in of_rest]
     found = [f for f in (*certain, *named) if _matters(f)] or named[:1]
-    return tuple(
-        sorted(found, key=lambda f: f in certain and _errors_moved(f) < max(map(_errors_moved, named), default=0.0))
-    )
+    most = max(map(_errors_moved, named), default=0.0)
+    # what is there for sure comes last where it moves less than what the residuals show
+    return tuple(sorted(found, key=lambda f: f in certain and _errors_moved(f) < most))
 
 
 def _like_gamma(look: _Look) -> tuple[Found, ...]:

@@ -189,7 +189,7 @@ FAULTS = (
         "blur",
         "the images are blurred by about {f.size:.2g} pixels (standard deviation), or the highlights have wider edges "
         "than the lobe",
-        "Focus, or shrink the images, and exclude the pixels next to outlines with View.mask.",
+        "Focus, shrink the images, or give View(sensor=ds.Sensor(blur={f.size:.2g})).",
         changes.of_blur,
         size=lambda which, amount: BLUR_SIGMAS[which] * float(np.sqrt(np.maximum(amount[0], 0.0))),
         plausible=(0.0, 4.0),
@@ -198,8 +198,7 @@ FAULTS = (
         "pixels",
         "each pixel is an average over its area, as cameras make it, and renderers with several samples a pixel; the "
         "fit shades its middle",
-        "Give View(sensor=ds.Sensor(blur=0.3)), or how much the image is blurred in all, by which a fit takes averages "
-        "too; or use larger images.",
+        "Give View(sensor=ds.Sensor(blur=0.29)), or the blur of the whole image, and the fit takes averages too.",
         changes.of_pixels,
         plausible=(0.2, 4.0),  # 1 is exactly that, and a lens adds to it
     ),

@@ -77,10 +77,11 @@ def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
     tried, every = first[not is_other], every_assumption(lambertian=not is_other)
     tried += map(judged, every[2:])
     glossy, matte = (_best_of([one for one in tried if one.model.assumed.glossy == yes]) for yes in (True, False))
-    best, plain = glossy if mean_error(glossy.errors) < mean_error(matte.errors) else matte, tried[-1]
-    if clearly_better(plain.errors, best.errors, times=like_lights) or not _alike_within_lights(work, few, best, plain):
+    best = glossy if mean_error(glossy.errors) < mean_error(matte.errors) else matte
+    plain = tried[-1]  # without a highlight, outliers and shadows
+    if clearly_better(plain.errors, best.errors, times=like_lights):
         return best.model
-    return plain.model
+    return plain.model if best is plain or _alike_within_lights(work, few, best, plain) else best.model
 
 
 def _alike_within_lights(work: TexelWork, sample: TexelTile, one: Judged, other: Judged) -> bool:
@@ -89,7 +90,7 @@ def _alike_within_lights(work: TexelWork, sample: TexelTile, one: Judged, other:
     The test of Hausman (1978): of two estimates that differ by no more than that, the one with fewer freedoms is meant.
     How far the lights turn them is drawn (Barnard 1963), since a normal may jump from one minimum to another.
     """
-    if work.stated is None:
+    if work.stated is None or not np.any(work.stated.direction):
         return False
 
     def apart(error: Float[np.ndarray, "views 3"]) -> Float[Array, "3 texels"]:
@@ -102,7 +103,8 @@ def _alike_within_lights(work: TexelWork, sample: TexelTile, one: Judged, other:
     random, root, draws = np.random.default_rng(0), work.stated.direction, round(1.0 / MINOR) - 1
     as_said = apart(np.zeros(root.shape[:2], np.float32))
     drawn = (np.einsum("vij,vj->vi", root, random.standard_normal(root.shape[:2])) for _ in range(draws))
-    return any(np.square(apart(error.astype(np.float32)) - as_said).sum() > np.square(as_said).sum() for error in drawn)
+    whole = np.nansum(np.square(as_said))
+    return any(np.nansum(np.square(apart(error.astype(np.float32)) - as_said)) > whole for error in drawn)
 
 
 def from_nothing(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> ObjectModel:
