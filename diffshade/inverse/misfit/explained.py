@@ -136,7 +136,8 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS, *, shared: float
     theta, (lower, upper) = np.clip(first.corrected, *set_up.bounds), set_up.bounds
     inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
     there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
-    before = values_at(first.minimum[: set_up.own], fit.unknowns)
+    with np.errstate(over="ignore"):
+        before = values_at(first.minimum[: set_up.own], fit.unknowns)
     errors = [_errors(look, found, before) for look in (first, _look(there, faults, inside, shared))]
     named = [f for f in found if not f.fault.unnamed]
     instead = [np.abs(f.moves) for f in named] if all(first.is_instead(f) for f in named) else []
@@ -152,7 +153,9 @@ def _errors(look: _Look, found: Sequence[Found], before: Vector) -> Vector:
     moves, fit = look.moves.copy(), set_up.fit
     for one in (one for one in look.candidates if one.fault.kind == "bound"):
         moves[np.ix_(one.of, bounded(fit))] = 0.0  # which stay at their bounds
-    away = before - values_at(look.corrected[: set_up.own], fit.unknowns)
+    with np.errstate(over="ignore", invalid="ignore"):
+        away = before - values_at(look.corrected[: set_up.own], fit.unknowns)
+    away[np.isnan(away)] = np.inf  # an n_s of which nothing is known may be beyond all numbers
     held = np.setdiff1d(np.arange(set_up.own), look.directions.inside)
     away[held] += look.of.mean @ moves[:, held]
     for one in look.candidates:
