@@ -13,6 +13,7 @@ from diffshade.model.rendering import visible_points
 
 BALL, BOX = ds.Sphere(), ds.Box((0, 0, 0), (1.2, 1.2, 1.2))
 CAMERA = ds.Camera((1, 1.5, 4), target=(0, 0, 0), fov=32, shape=(96, 96))
+SMALL = ds.OrthographicCamera((0, 0, 4), shape=(48, 48))
 LIGHTS = [ds.DirectionalLight(d) for d in ((-0.5, -0.3, -1), (0.6, -0.2, -1), (0, 0.7, -1), (-0.2, -0.8, -1))]
 FREE = ("k_a", "k_d", "k_s", "n_s")
 WRONG = {"blur", "ellipsoid", "uneven light", "outliers", "vignetting"}
@@ -104,12 +105,57 @@ def test_a_mask_that_keeps_away_from_edges_loses_nothing_more():
 
 def test_edges_are_outlines_creases_and_borders_between_objects():
     box = SeenEdges((ds.Object(BOX),), CAMERA)
-    assert np.array_equal(box.inside & (box.depth == 1), box.inside & _beside_another(_faces(BOX)))
+    assert np.array_equal(box.inside & (box.depths[0] == 1), box.inside & _beside_another(_faces(BOX)))
     halves = tuple(ds.Object(ds.Box((x, 0, 0), (0.6, 1.2, 1.2))) for x in (-0.3, 0.3))
     both = SeenEdges(halves, CAMERA)
     assert np.array_equal(both.inside, box.inside)
-    assert (both.depth <= box.depth).all()
-    assert (both.inside & (both.depth == 1) & (box.depth > 1)).sum() > 100
+    assert (both.depths[0] <= box.depths[0]).all()
+    assert (both.inside & (both.depths[0] == 1) & (box.depths[0] > 1)).sum() > 100
+
+
+ROW, COLUMN = (np.mgrid[:96, :96] - 47.5) / 48.0
+OUT_OF_THE_CENTRE = np.hypot(ROW, COLUMN)
+SEEN = SeenEdges(scene_of(BALL, 1).objects, CAMERA)
+BESIDE = ~SEEN.inside[..., None]
+NO_MIXING = {
+    "nothing": lambda image: image,
+    "a hot pixel": lambda image: np.where(np.arange(96 * 96).reshape(96, 96, 1) == SEEN.rings.beside[0][5], 1.0, image),
+    "a contact shadow": lambda image: (
+        image + BESIDE * (0.2 - 0.15 * np.exp(-((_away() / 5.0) ** 2)))[..., None]  # darker than the object
+    ),
+    "a lit backdrop": lambda image: image + BESIDE * (0.05 - 0.02 * OUT_OF_THE_CENTRE)[..., None],
+    "vignetting": lambda image: (image + 0.3 * BESIDE) * (1.0 - 0.3 * OUT_OF_THE_CENTRE**2)[..., None],
+    "a veil": lambda image: image + 0.03 * ndimage.gaussian_filter(image, (10, 10, 0)),
+    "no number": lambda image: np.where(BESIDE, np.nan, image),
+    "no limit": lambda image: np.where(BESIDE, np.inf, image),
+}
+
+
+def _away():
+    return ndimage.distance_transform_edt(~SEEN.inside)
+
+
+@pytest.mark.parametrize("change", NO_MIXING.values(), ids=NO_MIXING)
+def test_what_else_is_beside_an_outline_is_no_mixing(change):
+    (view,) = photographed(scene_of(BALL, 1))
+    assert SEEN.reach(change(view.image)) == 0
+
+
+@pytest.mark.parametrize("change", ["nothing", "a lit backdrop", "a veil"])
+@pytest.mark.parametrize(("blur", "reach"), [(0.0, 1), (1.0, 3)])
+def test_mixing_is_seen_beside_it(change, blur, reach):
+    (view,) = photographed(scene_of(BALL, 1), 16, blur)
+    assert abs(SEEN.reach(NO_MIXING[change](view.image)) - reach) <= (change != "nothing")
+
+
+def test_fine_relief_loses_what_lies_along_its_outline_alone():
+    row, column = np.mgrid[:48, :48]
+    normal = np.stack([np.sin(2.0 * row), np.sin(2.0 * column), np.ones((48, 48))], -1)
+    inside = np.hypot(row - 23.5, column - 23.5) < 20.0
+    edges = SeenEdges(
+        (ds.Object(ds.GBuffer(normal / np.linalg.norm(normal, axis=-1)[..., None], None, inside)),), SMALL
+    )
+    np.testing.assert_array_equal(edges.unmixed(inside, 1), ndimage.binary_erosion(inside, np.ones((3, 3))))
 
 
 def _faces(box):
