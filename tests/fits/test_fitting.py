@@ -119,6 +119,8 @@ def test_a_second_fit_of_the_same_shapes_traces_nothing(traces):
     standard_fit(images, told)
     standard_fit(images, scene, exposed)
     standard_fit(images, scene, bounds={"k_s": (0.0, 0.3)})  # a wrong model, which a fit looks at again
+    # a wrong outline, beside which a fit sees a part of the object
+    standard_fit(images, scene, {"camera": ds.Camera(eye=(0.2, 0.3, 4), fov=34, shape=CAMERA.shape)})
     traces.clear()
     standard_fit(images, told)
     standard_fit(noisy_images(0, 0.1), scene)
