@@ -171,8 +171,11 @@ def _shared(sizes: Sequence[Sequence[Sums]]) -> float | None:
     the views, which may all be wrong alike.
     """
     S, Q = ([np.array([of[k] for of in views]) for views in sizes] for k in range(2))
+    cells = Q[1] > 0
+    if not cells.any():  # a colour that is met exactly
+        return 1.0
     finest, fine, coarse = (float(np.sum(s**2) / q.sum()) for s, q in zip(S, Q, strict=True))
-    alike, cells = float(np.sum(S[1].sum(0) ** 2) / Q[1].sum()), Q[1] > 0
+    alike = float(np.sum(S[1].sum(0) ** 2) / Q[1].sum())
     usual = max(1.0, float(np.median(S[1][cells] ** 2 / Q[1][cells]) / special.chdtri(1, 0.5)))
     grows = special.fdtrc(np.count_nonzero(Q[2]), np.count_nonzero(cells), coarse / fine) < MINOR
     return None if grows or max(fine, alike) > CLEARLY * min(finest, usual) else max(1.0, min(fine, usual))
