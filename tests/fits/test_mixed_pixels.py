@@ -132,7 +132,7 @@ NO_MIXING = {
 
 
 def _away():
-    return ndimage.distance_transform_edt(~SEEN.inside)
+    return np.asarray(ndimage.distance_transform_edt(~SEEN.inside))
 
 
 @pytest.mark.parametrize("change", NO_MIXING.values(), ids=NO_MIXING)
