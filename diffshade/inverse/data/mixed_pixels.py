@@ -61,8 +61,8 @@ class Edges:
         """Return how many pixels from edges a photograph seems to mix what is on both sides; 0 where nothing shows it.
 
         They are as many as those outside of the outline that are clearly more like the object than the background
-        farther out is, `FAR` at most. Mixing is less than half at an outline and falls off steeply, where shadows and
-        lit backgrounds change slowly.
+        farther out is, `FAR` at most. Mixing is less than half at an outline and falls off steeply; shadows
+        and lit backgrounds change slowly.
         """
         inside, background, *beside = (
             image.reshape(-1, image.shape[2])[of].mean(-1)
@@ -81,7 +81,7 @@ class Edges:
     def unmixed(self, inside: Mask, reach: int) -> Mask:
         """Return those of some pixels that show one side of every edge alone.
 
-        Where that leaves less than half of them, edges within objects are let be, as of fine relief; or all edges.
+        Where that leaves less than half of them, as of fine relief, creases are kept; where that does too, all pixels.
         """
         left = [inside & (depth > reach) for depth in self.depths] if reach else []
         return next((of for of in left if of.sum() >= MOST * inside.sum()), inside)

@@ -277,5 +277,5 @@ def _matters(found: Found) -> bool:
 
 def _errors_moved(found: Found) -> float:
     """Return by how many errors a fault moves the value that it moves most."""
-    fit = found.given
-    return float(np.max(np.abs(found.moves) / fit.plain_errors, where=fit.determined, initial=0.0))
+    of = found.given.determined
+    return float(np.max(np.abs(found.moves[of]) / found.given.plain_errors[of], initial=0.0))

@@ -50,7 +50,8 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if other := other_convention(fit, residuals.squares):
         lost = np.zeros_like(fit.determined)
         return replace(fit, determined=lost, notes=(Note(other, "cause", ("convention",)), *fit.notes))
-    seen = explain(fit, residuals.squares, residuals.shared or 1.0)
+    shared = residuals.shared or 1.0
+    seen = explain(fit, residuals.squares, shared)
     if is_noise and not seen.found:
         return fit
     gamma = next((f.share for f in seen.found if f.fault.kind == "gamma" or f.fault.mended is not None), None)
@@ -59,7 +60,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if apart is not None and apart.is_noise:
         errors = np.hypot(np.maximum(fit.errors, seen.of_noise), apart.moves)
     else:
-        correlated = np.sqrt((residuals.shared or 1.0) if seen.found else residuals.correlation)
+        correlated = np.sqrt(shared if seen.found else residuals.correlation)
         errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
         if better is not None and better.values is not None:
             errors = np.maximum(errors, np.abs(better.values - fit.values))

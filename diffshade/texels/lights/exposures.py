@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.fields import Array
+from ...core.robust_scale import RARE
 from ...core.thresholds import CLEARLY, MINOR, SLIGHT, SMALL, TINY
 from ...core.words import Note, first_of
 from ...model.scenes import Scene
@@ -56,7 +57,7 @@ def with_exposures(first: Taught) -> Taught:
             found = _refined(found, said, first, free * _of_directions(as_said, first.run.light_error))
         taught = _taught_with(found, said, first)
         agrees = clearly_better(first.errors, taught.errors)
-        known = np.abs(np.log(found.factor)).max(-1) > 3.0 * found.error
+        known = np.abs(np.log(found.factor)).max(-1) > RARE * found.error
         vague = agrees and not (known.any() and np.median(found.error) < SMALL)
         if agrees and not vague:
             return taught
