@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import (
@@ -304,3 +304,41 @@ def check_intrinsics(K: Any) -> None:
             f"K must have no skew and end in (0, 0, 1); got skew {numbers[0, 1]:g} and the row {in_short(numbers[2])}. "
             "Calibrate without skew, as OpenCV does."
         )
+
+
+class SomePixels(AbstractCamera):
+    """Some pixels of a camera, as a picture of one row.
+
+    Args:
+        camera: The camera.
+        pixels: Flat indices of its pixels.
+    """
+
+    eye: Vector
+    target: Vector
+    up: Vector
+    local_viewer: bool = eqx.field(static=True)
+    shape: tuple[int, int] = eqx.field(static=True)
+    camera: AbstractCamera
+    row: Float[Array, " n"]
+    column: Float[Array, " n"]
+
+    def __init__(self, camera: AbstractCamera, pixels: Int[np.ndarray, " n"]):
+        self.eye, self.target, self.up = camera.eye, camera.target, camera.up
+        self.local_viewer, self.shape, self.camera = camera.local_viewer, (1, len(pixels)), camera
+        self.row, self.column = np.divmod(pixels.astype(float), camera.shape[1])
+
+    def projection(self) -> Projection:
+        """Return that of the camera, whose columns here are places among the pixels."""
+        return _ProjectionOfSome(row=self.row, column=self.column, **vars(self.camera.projection()))
+
+
+class _ProjectionOfSome(Projection):
+    row: Float[Array, " n"]
+    column: Float[Array, " n"]
+
+    def rays(self, row: Float[Array, "..."], column: Float[Array, "..."]) -> Rays:
+        centre = jnp.round(column)  # beside which the rays of several samples are
+        place = centre.astype(int)
+        first, at = (jnp.asarray(of, centre.dtype)[place] for of in (self.row, self.column))
+        return super().rays(first + row, at + (column - centre))

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Int, Shaped
 
 from ..core.fields import (
     Array,
@@ -250,6 +250,13 @@ def over_pixels_and_rest(objects: tuple[Object, ...]) -> tuple[tuple[Object, ...
 def together(over_pixels: tuple[Object, ...], rest: tuple[Object, ...]) -> tuple[Object, ...]:
     """Return objects with what comes with the pixels put back in its place."""
     return eqx.combine(over_pixels, rest, is_leaf=_stays_whole)
+
+
+def with_pixels(scene: Scene, pixels: Int[np.ndarray, " n"]) -> Scene:
+    """Return a scene as `SomePixels` of its camera see it, given by their flat indices."""
+    over_pixels, rest = over_pixels_and_rest(scene.objects)
+    here = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[pixels][None], over_pixels)
+    return eqx.tree_at(lambda s: s.objects, scene, together(here, rest))
 
 
 def _comes_with_pixels(node: Any) -> bool:

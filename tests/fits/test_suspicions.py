@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 import pytest
-from scenarios import PATCH, clean_fit, clean_images, grazing, noisy_fit, standard_fit, turned
+from scenarios import PATCH, clean_fit, clean_images, grazing, noisy_fit, noisy_images, standard_fit, turned
 from synthetic import CAMERA, noisy, photograph, standard_scene
 
 import diffshade as ds
@@ -22,6 +22,7 @@ from diffshade.diagnosis.examination import Examination, summarise
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.diagnosis.suspicions import Suspicion, _as_suspicions, corrected_for, suspicions
 from diffshade.inverse.misfit.changes import Case, Move
+from diffshade.inverse.misfit.directions import changes_of
 from diffshade.inverse.misfit.explained import explained
 from diffshade.inverse.misfit.faults import FAULTS
 from diffshade.inverse.misfit.found import Fault, Found
@@ -30,6 +31,7 @@ from diffshade.inverse.misfit.regions import MeanPrediction, cast_shadows, cente
 from diffshade.inverse.misfit.set_up import SetUp
 from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.verdicts.stability import FitWithout
+from diffshade.io.lazy_images import LazyImage
 
 
 @cache
@@ -335,13 +337,28 @@ def test_each_fault_has_cases_or_regions():
 
 
 @pytest.mark.thorough
+def test_of_photographs_that_are_read_by_rows_all_is_asked_that_needs_no_neighbours():
+    by_rows = [LazyImage(lambda a, b, i=i: i[a:b], i.shape, i.dtype) for i in noisy_images()]
+    found = []
+    for fit in (noisy_fit(), standard_fit(by_rows)):
+        with in_float64(fit) as own:
+            set_up = SetUp(own, (place for fault in FAULTS for place in fault.numbers(own)))
+            at = linearise(set_up, set_up.given)
+            found.append({(f.kind, case.which): change for f in FAULTS for case, change in changes_of(at, f)})
+    whole, rows = found
+    assert {kind for kind, _ in whole.keys() - rows.keys()} == {"blur", "shift", "chroma"}
+    for key in rows:
+        np.testing.assert_allclose(rows[key], whole[key], rtol=1e-5, atol=1e-6 * np.abs(whole[key]).max())
+
+
+@pytest.mark.thorough
 def test_a_new_fault_is_one_entry_and_is_found_without_an_examination():
     ramp = np.broadcast_to(np.linspace(0.0, 1.0, 24)[None, :, None], (24, 24, 3))
     stray = Fault(
         "stray light",
         "stray light adds up to {f.size:.2g} on the right",
         "Draw the curtains.",
-        lambda at: [Case(0, at.of([ramp] * 8)[None])],
+        lambda at: [Case(0, ramp.reshape(-1, 3)[at.set_up.pixel, at.set_up.channel][None])],
         plausible=(0.0, np.inf),
     )
     fit = standard_fit(noisy([image + 0.02 * ramp for image in clean_images()], 0.003, 0))

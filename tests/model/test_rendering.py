@@ -13,8 +13,9 @@ from refusals import refuses
 
 import diffshade as ds
 from diffshade.model import rendering
+from diffshade.model.cameras import SomePixels
 from diffshade.model.rendering import _render, render_once
-from diffshade.model.scenes import stack_scene
+from diffshade.model.scenes import stack_scene, with_pixels
 
 BALL = ds.Object(ds.Sphere(), ds.Material(k_a=0.1, k_d=(0.7, 0.25, 0.2), k_s=0.4, n_s=40))
 CAMERA = ds.Camera((0, 0, 4), fov=35, shape=(8, 10))
@@ -209,6 +210,22 @@ def test_samples_are_the_mean_of_a_finer_picture(bands):
         np.testing.assert_allclose(found, fine.reshape(8, 3, 10, 3, -1).mean((1, 3)), rtol=1e-12)
         if bands:
             break
+
+
+@pytest.mark.parametrize("kind", ["maps", "bodies"])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_some_pixels_show_what_they_show_in_the_whole_picture(samples, kind):
+    pixels = np.array([31, 32, 38, 41, 50, 0])
+    if kind == "maps":
+        camera = ds.OrthographicCamera((0, 0, 4), height=2.2, shape=(8, 10))
+        relief = ds.height_map(0.1 * np.random.default_rng(0).random((8, 10)), camera)
+        item = ds.Object(relief, ds.Material(k_d=np.random.default_rng(1).random((8, 10, 3))))
+    else:
+        camera, item = CAMERA, BALL
+    scene = ds.Scene([item, ds.Object(ds.Plane((0, -0.4, 0), (0, 1, 0)))], lights(2))
+    whole = np.asarray(ds.render(scene, camera, samples=samples)).reshape(-1, 3)
+    some = ds.render(with_pixels(scene, pixels), SomePixels(camera, pixels), samples=samples)
+    np.testing.assert_allclose(some[0], whole[pixels], rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.thorough

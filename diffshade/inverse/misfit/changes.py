@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -15,7 +16,7 @@ from ...core.robust_scale import OUTLIER, RARE
 from ...model.surfaces import Sphere
 from ..data.recording import photograph
 from ..data.samples import MIN_PILE
-from ..data.views import View, channels, lights_on
+from ..data.views import lights_on
 from ..result import Fit
 from ..statistics.uncertainty import Vector, over
 from ..unknowns.places import Place
@@ -94,7 +95,7 @@ def of_spheres(part: str, fit: Fit) -> list[Place]:
 
 def of_vignetting(at: Linearised) -> Iterator[Case]:
     """Yield light that falls by the square of the distance from the image's centre."""
-    yield Case(0, -(at.light * at.of(map(_rho2, at.fit.views)))[None])
+    yield Case(0, -(at.light * _rho2(at))[None])
 
 
 def of_uneven_light(at: Linearised) -> Iterator[Case]:
@@ -169,8 +170,8 @@ def of_pixels(at: Linearised) -> Iterator[Case]:
     three deviations far. A blur of the sensor has it already.
     """
     sharp = all(view.sensor is None or not np.any(np.asarray(view.sensor.blur) > 0.0) for view in at.fit.views)
-    if at.drawable and sharp:
-        change = (at.of(photograph(at.fit.scene, view, 2) for view in at.fit.views) - at.predicted) * 4.0 / 3.0
+    if sharp:
+        change = (at.drawn(partial(photograph, samples=2)) - at.predicted) * 4.0 / 3.0
         reach = np.array([samples.reach for samples in at.fit.solved.problem.data.samples])
         times = 12.0 * (reach / RARE) ** 2 if reach.any() else np.ones(len(reach))
         yield Case(0, (times[at.set_up.view] * change)[None], known=bool(reach.any()))
@@ -298,9 +299,8 @@ def _of_each_channel(at: Linearised, changes: Float[np.ndarray, "k n"]) -> Float
     return np.concatenate([np.where(channel == c, changes, 0.0) for c in range(int(channel.max(initial=0)) + 1)])
 
 
-def _rho2(view: View) -> np.ndarray:
-    """Return the square of each pixel's distance from the image centre, over that of a corner."""
-    h, w = view.camera.shape
-    row, column = np.mgrid[:h, :w]
-    rho2 = ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / float(h**2 + w**2)
-    return np.broadcast_to(rho2[..., None], (h, w, channels(view)))
+def _rho2(at: Linearised) -> Float[np.ndarray, " n"]:
+    """Return the square of each sample's distance from the image centre, over that of a corner."""
+    h, w = np.array([view.camera.shape for view in at.fit.views])[at.set_up.view].T
+    row, column = np.divmod(at.set_up.pixel, w)
+    return ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / (h**2 + w**2)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from PIL import Image
 from scipy import ndimage
 
@@ -19,6 +20,8 @@ from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
 from ...io.encodings import srgb_decode, srgb_encode
 from ...io.lazy_images import LazyImage
+from ...model.cameras import SomePixels
+from ...model.scenes import Scene, with_pixels
 from ..data.recording import photograph
 from ..data.views import View, channels
 from ..forward.gram import directions_of
@@ -27,6 +30,7 @@ from ..pixels.blocks import Block
 from ..pixels.blocks import chunks as in_chunks
 from ..result import Fit
 from ..statistics.uncertainty import Matrix, Vector
+from .regions import grazing
 from .set_up import Corrected, SetUp
 
 BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
@@ -63,19 +67,31 @@ class Linearised:
         return not any(isinstance(view.image, LazyImage) for view in self.fit.views)
 
     @cached_property
+    def samples(self) -> list[Int[np.ndarray, "2 n"]]:
+        """The pixel and the channel of each sample of each view."""
+        return np.split(np.stack([self.set_up.pixel, self.set_up.channel]), self.set_up.first[1:-1], axis=1)
+
+    @cached_property
+    def few(self) -> list[Few]:
+        """What is drawn of each view: the pixels that are looked at, but of a sensor, which may blur, the whole."""
+        room = 1 << max(len(np.unique(pixel)) for pixel, _ in self.samples).bit_length()  # few lengths: few programs
+        return [_few(*of, room) for of in zip(self.fit.views, self.samples, strict=True)]
+
+    @cached_property
     def looks(self) -> Float[np.ndarray, "looks n"]:
         """What blurs of `BLUR_SIGMAS` change in the photographs that the fit predicts, shifts, and blurred colours.
 
         The shifts are by a pixel, along a row and along a column.
         """
 
-        def look(view: View) -> Float[np.ndarray, "h w c looks"]:
+        def look(view: View, samples: Int[np.ndarray, "2 n"]) -> Float[np.ndarray, "looks n"]:
             picture = photograph(self.fit.scene, view)
             blurs = (ndimage.gaussian_filter(picture, sigma, axes=(0, 1), mode="nearest") for sigma in BLUR_SIGMAS)
             shifts = (np.gradient(picture, axis=axis) for axis in (1, 0))
-            return np.stack([*(of - picture for of in blurs), *shifts, *_duller(picture)], -1)
+            each = itertools.chain((of - picture for of in blurs), shifts, _duller(picture))
+            return np.array([_at(samples, of) for of in each])
 
-        return self.of(map(look, self.fit.views)).T
+        return np.concatenate(list(map(look, self.fit.views, self.samples)), 1)
 
     @cached_property
     def light(self) -> Float[np.ndarray, " n"]:
@@ -90,16 +106,48 @@ class Linearised:
     @cached_property
     def at_rims(self) -> Bool[np.ndarray, " n"]:
         """Which samples are at grazing rims."""
-        rims = zip(self.set_up.rims, self.fit.views, strict=True)
-        return self.of(np.repeat(rim[..., None], channels(view), 2) for (rim, _), view in rims) > 0
 
-    def of(self, pictures: Iterable[np.ndarray]) -> Float[np.ndarray, "n ..."]:
-        """Return the samples of pictures (h, w, c, ...), one for each view, of which one at a time is in memory."""
-        at, found = self.set_up, []
-        for picture, first, end in zip(pictures, at.first[:-1], at.first[1:], strict=True):
-            flat = picture.reshape(-1, *picture.shape[2:])
-            found.append(flat[at.pixel[first:end], at.channel[first:end]].astype(float))
-        return np.concatenate(found)
+        def at_rim(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
+            return np.repeat(grazing(scene.objects, view.camera)[..., None], channels(view), 2)
+
+        return self.drawn(at_rim) > 0
+
+    def drawn(
+        self, picture_of: Callable[[Scene, View], np.ndarray] = photograph, scene: Scene | None = None
+    ) -> Float[np.ndarray, "n ..."]:
+        """Return the samples of pictures of a scene, by default the fit's: (h, w, c, ...), by default photographs."""
+        scene = self.fit.scene if scene is None else scene
+        return np.concatenate([_at(few.samples, picture_of(few.part_of(scene), few.view)) for few in self.few])
+
+
+class Few(NamedTuple):
+    """A view of the pixels of it that are drawn."""
+
+    view: View
+    pixels: Int[np.ndarray, " n"] | None
+    """None for all."""
+    samples: Int[np.ndarray, "2 n"]
+    """Which of the pixels each sample is of, and its channel."""
+
+    def part_of(self, scene: Scene) -> Scene:
+        """Return a scene as the view sees it."""
+        return scene if self.pixels is None else with_pixels(scene, self.pixels)
+
+
+def _few(view: View, samples: Int[np.ndarray, "2 n"], room: int) -> Few:
+    if view.sensor is not None:
+        return Few(view, None, samples)
+    pixels, place = np.unique(samples[0], return_inverse=True)
+    pixels = np.pad(pixels, (0, room - len(pixels)))
+    camera = SomePixels(view.camera, pixels)
+    none = np.zeros((*camera.shape, channels(view)))
+    return Few(replace(view, image=none, camera=camera, mask=None), pixels, np.stack([place, samples[1]]))
+
+
+def _at(samples: Int[np.ndarray, "2 n"], picture: Float[np.ndarray, "h w c ..."]) -> Float[np.ndarray, "n ..."]:
+    """Return samples of a picture, by their pixels and channels."""
+    pixel, channel = samples
+    return picture.reshape(-1, *picture.shape[2:])[pixel, channel].astype(float)
 
 
 def _duller(picture: Float[np.ndarray, "h w c"]) -> Iterator[Float[np.ndarray, "h w c"]]:
@@ -107,13 +155,13 @@ def _duller(picture: Float[np.ndarray, "h w c"]) -> Iterator[Float[np.ndarray, "
 
     Pictures that are grey, or of other bands than red, green and blue, have no such colours.
     """
-    coloured = picture.shape[2] == len(LUMA)
+    of_colours = list(itertools.product((2, 4), (0, 2)))  # half the size, and less where the file rounds it, too
+    if picture.shape[2] != len(LUMA):
+        yield from [np.zeros_like(picture)] * len(of_colours)
+        return
     shown = np.clip(picture, 0.0, 1.0)
     encoded = srgb_encode(shown)
-    for factor, c in itertools.product((2, 4), (0, 2)):  # half the size, and less where the file rounds it, too
-        if not coloured:
-            yield np.zeros_like(picture)
-            continue
+    for factor, c in of_colours:
         plane = Image.fromarray((encoded[..., c] - encoded @ LUMA).astype(np.float32))
         lost = np.asarray(plane.reduce(factor).resize(plane.size, Image.Resampling.BILINEAR)) - np.asarray(plane)
         change = np.zeros(len(LUMA))

@@ -71,11 +71,11 @@ def _of_law(at: Linearised, law: Callable[..., Array], amount: float) -> Iterato
     """Yield the change by k_d that reflects by another law, by an amount. Each view has one light, without extent."""
     single = all(len(lit) == 1 and isinstance(at.fit.scene.lights[lit[0]], OF_ONE_PLACE) for lit in at.set_up.lit)
     plain = all(view.sensor is None for view in at.fit.views)
-    if at.drawable and single and plain and not any(item.material.k_t is not None for item in at.fit.scene.objects):
-        yield Case(0, at.of(_beyond_lambert(at.fit.scene, view, law) for view in at.fit.views)[None] / amount)
+    if single and plain and not any(item.material.k_t is not None for item in at.fit.scene.objects):
+        yield Case(0, at.drawn(partial(_beyond_lambert, law))[None] / amount)
 
 
-def _beyond_lambert(scene: Scene, view: View, law: Callable[..., Array]) -> Float[np.ndarray, "h w c"]:
+def _beyond_lambert(law: Callable[..., Array], scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
     """Return what the surfaces of a scene show a view beyond Lambert's law."""
     n, p, inside, n_v, ray = seen_points(scene.objects, view.camera)
     k = lights_on(scene, view)[0]
@@ -101,11 +101,11 @@ def of_second_highlight(at: Linearised) -> Iterator[Case]:
 def of_missing_highlight(at: Linearised) -> Iterator[Case]:
     """Yield highlights on objects that are matte, as the scene says and no free number changes."""
     matte = not any(shines(item.material.k_s) for item in at.fit.scene.objects)
-    if at.drawable and matte and not any(place.field == "k_s" for u in at.fit.unknowns for place in u.all_places):
+    if matte and not any(place.field == "k_s" for u in at.fit.unknowns for place in u.all_places):
         for k, n_s in enumerate(EXPONENTS[1:]):
             shiny = [replace(item.material, k_s=MOST, n_s=n_s) for item in at.fit.scene.objects]
             scene = eqx.tree_at(lambda s: [item.material for item in s.objects], at.fit.scene, shiny)
-            yield Case(k, (_drawn(at, scene) - at.predicted)[None] / MOST)
+            yield Case(k, (at.drawn(scene=scene) - at.predicted)[None] / MOST)
 
 
 def of_attenuation(at: Linearised) -> Iterator[Case]:
@@ -126,9 +126,9 @@ def of_size(at: Linearised) -> Iterator[Case]:
     far that where its light ends on the object is drawn as gradual as that of a usual lamp is.
     """
     movable = any(isinstance(light, OF_ONE_PLACE) for light in at.fit.scene.lights)
-    if at.drawable and movable and at.light.any():
+    if movable and at.light.any():
         sides = (partial(aside, side) for side in ((0, 1), (0, -1), (1, 1), (1, -1)))
-        moved = (_drawn(at, with_lamps(at.fit, to_side, OF_ONE_PLACE)) for to_side in sides)
+        moved = (at.drawn(scene=with_lamps(at.fit, to_side, OF_ONE_PLACE)) for to_side in sides)
         yield Case(0, (sum(moved) / 4.0 - at.predicted)[None] / (6.0 * SMALL**2))  # whose variance is a twelfth
 
 
@@ -145,9 +145,9 @@ def aside(side: tuple[int, int], light: Any, center: np.ndarray) -> Any:
 def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], Any], amount: float) -> Iterator[Case]:
     """Yield the change by other lamps, by an amount, but for that of their strength, which the reflections imitate."""
     lamps = any(isinstance(light, AbstractLamp) for light in at.fit.scene.lights)
-    if not at.drawable or not lamps or not at.light.any():
+    if not lamps or not at.light.any():
         return
-    changed = _drawn(at, with_lamps(at.fit, change)) - at.predicted
+    changed = at.drawn(scene=with_lamps(at.fit, change)) - at.predicted
     weighted = at.weight * at.light
     changed = changed - at.light * (weighted @ changed / (weighted @ at.light))
     if np.abs(changed).max() > SINGLE * np.abs(at.light).max():
@@ -197,11 +197,7 @@ def of_ellipsoid(at: Linearised) -> Iterator[Case]:
     patterned = any(isinstance(getattr(item.material, of.name), AbstractPattern) for of in fields(item.material))
     if others or not isinstance(item.surface, Sphere) or patterned or item.material.k_t is not None or scene.shadows:
         return
-    if not at.drawable:
-        return
-    by_view = [[photograph(s, view) for s in _stretched(scene, view)] for view in at.fit.views]
-    before, *after = (at.of(pictures) for pictures in zip(*by_view, strict=True))
-    yield Case(0, (np.array(after) - before) / STEP)
+    yield Case(0, at.drawn(_by_stretch).T / STEP)
 
 
 def stretch(amount: Float[np.ndarray, "5"]) -> Float[np.ndarray, "3 3"]:
@@ -210,6 +206,12 @@ def stretch(amount: Float[np.ndarray, "5"]) -> Float[np.ndarray, "3 3"]:
     pairs = [np.outer(e[i], e[j]) + np.outer(e[j], e[i]) for i, j in ((0, 1), (0, 2), (1, 2))]
     along = [np.diag(e[0] - e[1]), np.diag(2.0 * e[2] - e[0] - e[1]) / np.sqrt(3.0)]
     return np.tensordot(amount, [*pairs, *along], 1)
+
+
+def _by_stretch(scene: Scene, view: View) -> Float[np.ndarray, "h w c 5"]:
+    """Return the change of a photograph by `STEP` of each amount."""
+    before, *after = (photograph(of, view) for of in _stretched(scene, view))
+    return np.stack([of - before for of in after], -1)
 
 
 def _stretched(scene: Scene, view: View) -> Iterator[Scene]:
@@ -230,16 +232,11 @@ def _stretched(scene: Scene, view: View) -> Iterator[Scene]:
         yield eqx.tree_at(lambda s: s.objects[0].surface, scene, surface)
 
 
-def _drawn(at: Linearised, scene: Scene) -> Float[np.ndarray, " n"]:
-    """Return the samples of photographs of another scene."""
-    return at.of(photograph(scene, view) for view in at.fit.views)
-
-
 def _of_material(at: Linearised, which: int, change: Callable[[Material], Material | None]) -> Iterator[Case]:
     """Yield the change of the pictures by a change of each material that shines."""
     scene = with_materials(at.fit.scene, change)
-    if scene is not None and at.drawable:
-        yield Case(which, (_drawn(at, scene) - at.predicted)[None])
+    if scene is not None:
+        yield Case(which, (at.drawn(scene=scene) - at.predicted)[None])
 
 
 def with_materials(scene: Scene, change: Callable[[Material], Material | None]) -> Scene | None:

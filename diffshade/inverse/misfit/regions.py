@@ -134,12 +134,17 @@ def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture])
 
 def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.ndarray]:
     """Return the pixels at a grazing angle, n.v < GRAZING_COSINE, and the sector of each pixel."""
-    seen = seen_points(objects, camera)
-    n_v, inside = seen.n_v, seen.inside
+    inside = seen_points(objects, camera).inside
     row, column = np.mgrid[: inside.shape[0], : inside.shape[1]]
     middle = [float(x[inside].mean()) if inside.any() else 0.0 for x in (row, column)]
     angle = np.arctan2(row - middle[0], column - middle[1])
-    return inside & (n_v < GRAZING_COSINE), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(np.int8) % SECTORS
+    return grazing(objects, camera), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(np.int8) % SECTORS
+
+
+def grazing(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[np.ndarray, "h w"]:
+    """Return the pixels that show a surface at a grazing angle."""
+    seen = seen_points(objects, camera)
+    return seen.inside & (seen.n_v < GRAZING_COSINE)
 
 
 def measure_rim(views: Iterable[tuple[MeanPrediction, Mask, np.ndarray]]) -> Rim | None:
