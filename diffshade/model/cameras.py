@@ -1,6 +1,7 @@
 """Cameras: from a pixel to its ray, and from a point to its viewer (E8). Right-handed, y up, looking along -z."""
 
 import abc
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -307,12 +308,7 @@ def check_intrinsics(K: Any) -> None:
 
 
 class SomePixels(AbstractCamera):
-    """Some pixels of a camera, as a picture of one row.
-
-    Args:
-        camera: The camera.
-        pixels: Flat indices of its pixels.
-    """
+    """Some pixels of a camera, as a picture of one row."""
 
     eye: Vector
     target: Vector
@@ -323,14 +319,17 @@ class SomePixels(AbstractCamera):
     row: Float[Array, " n"]
     column: Float[Array, " n"]
 
-    def __init__(self, camera: AbstractCamera, pixels: Int[np.ndarray, " n"]):
-        self.eye, self.target, self.up = camera.eye, camera.target, camera.up
-        self.local_viewer, self.shape, self.camera = camera.local_viewer, (1, len(pixels)), camera
-        self.row, self.column = np.divmod(pixels.astype(float), camera.shape[1])
+    @classmethod
+    def of(cls, camera: AbstractCamera, pixels: Int[np.ndarray, " n"]) -> "SomePixels":
+        """Return those of some flat indices."""
+        row, column = np.divmod(pixels.astype(float), camera.shape[1])
+        of = {name: getattr(camera, name) for name in ("eye", "target", "up", "local_viewer")}
+        return cls(**of, shape=(1, len(pixels)), camera=camera, row=row, column=column)
 
     def projection(self) -> Projection:
         """Return that of the camera, whose columns here are places among the pixels."""
-        return _ProjectionOfSome(row=self.row, column=self.column, **vars(self.camera.projection()))
+        whole = dataclasses.replace(self.camera, local_viewer=self.local_viewer).projection()
+        return _ProjectionOfSome(row=self.row, column=self.column, **vars(whole))
 
 
 class _ProjectionOfSome(Projection):

@@ -224,7 +224,7 @@ def test_some_pixels_show_what_they_show_in_the_whole_picture(samples, kind):
         camera, item = CAMERA, BALL
     scene = ds.Scene([item, ds.Object(ds.Plane((0, -0.4, 0), (0, 1, 0)))], lights(2))
     whole = np.asarray(ds.render(scene, camera, samples=samples)).reshape(-1, 3)
-    some = ds.render(with_pixels(scene, pixels), SomePixels(camera, pixels), samples=samples)
+    some = ds.render(with_pixels(scene, pixels), SomePixels.of(camera, pixels), samples=samples)
     np.testing.assert_allclose(some[0], whole[pixels], rtol=1e-5, atol=1e-6)
 
 

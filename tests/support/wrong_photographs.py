@@ -233,6 +233,7 @@ FAULTS: Mapping[str, Fault] = {
         stored=_of_each(lambda image: np.asarray(ds.srgb_encode(np.clip(image, 0, 1)))), named=("encoding", "gamma")
     ),
     "blinn": Fault(lambda of: _of_material(of, lobe="blinn"), named=("lobe",)),
+    "distant viewer": Fault(lambda of: of.but(camera=of.camera | {"local_viewer": False}), named=("viewer",)),
     "shadow": Fault(stored=_shadowed, named=(*STRAY, "outliers")),
     "clipped below 1": Fault(stored=_of_each(lambda image: np.minimum(image, 0.6)), named=("clipped",)),
     "focal length": Fault(lambda of: of.but(camera=of.camera | {"fov": 36.0 * 1.05}), named=("radius",)),

@@ -37,6 +37,12 @@ def _of_lobe(f: Found) -> dict[str, Any]:
     return {"own": "Blinn", "other": "Phong"} if is_blinn else {"own": "Phong", "other": "Blinn"}
 
 
+def _of_viewer(f: Found) -> dict[str, Any]:
+    is_local = f.given.views[0].camera.local_viewer
+    far = "who is far away, as for parallel rays and, by default, in OpenGL, not of one at the camera's eye"
+    return {"where": far if is_local else "at the camera's eye, not of one who is far away", "local": not is_local}
+
+
 def _of_highlight(f: Found) -> dict[str, Any]:
     shiny = (x.material.n_s for x in f.given.scene.objects if other_scenes.shines(x.material.k_s))
     factor = other_scenes.EXPONENT_FACTORS[f.which]
@@ -218,6 +224,14 @@ FAULTS = (
         other_scenes.of_lobe,
         words=_of_lobe,
         plausible=(0.4, 1.7),  # 1 is exactly the other lobe
+    ),
+    Fault(
+        "viewer",
+        "the highlights are those of a viewer {where}",
+        "Give the camera local_viewer={local}.",
+        other_scenes.of_viewer,
+        words=_of_viewer,
+        plausible=(0.4, 1.7),  # 1 is exactly the other viewer
     ),
     Fault(
         "rough",

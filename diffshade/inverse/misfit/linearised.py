@@ -139,7 +139,7 @@ def _few(view: View, samples: Int[np.ndarray, "2 n"], room: int) -> Few:
         return Few(view, None, samples)
     pixels, place = np.unique(samples[0], return_inverse=True)
     pixels = np.pad(pixels, (0, room - len(pixels)))
-    camera = SomePixels(view.camera, pixels)
+    camera = SomePixels.of(view.camera, pixels)
     none = np.zeros((*camera.shape, channels(view)))
     return Few(replace(view, image=none, camera=camera, mask=None), pixels, np.stack([place, samples[1]]))
 

@@ -51,6 +51,19 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
         yield replace(case, renamed=renamed)
 
 
+def of_viewer(at: Linearised) -> Iterator[Case]:
+    """Yield highlights as the other viewer sees them: far away, or at the eye of the camera."""
+    surfaces = [item.surface for item in at.fit.scene.objects]
+    placed = not any(isinstance(of, GBuffer) and of.position is None for of in surfaces)
+    if placed and len({view.camera.local_viewer for view in at.fit.views}) == 1:
+        yield Case(0, (at.drawn(_by_other_viewer) - at.predicted)[None])
+
+
+def _by_other_viewer(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
+    camera = replace(view.camera, local_viewer=not view.camera.local_viewer)
+    return photograph(scene, replace(view, camera=camera))
+
+
 def of_roughness(at: Linearised) -> Iterator[Case]:
     """Yield surfaces that reflect more towards the light, as clay and plaster do; an amount is r of their law."""
     yield from _of_law(at, DiffuseLaw(1.0, 0.0).at, 1.0)
