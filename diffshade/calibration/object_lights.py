@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float
 from ..core.robust_scale import RARE, UNIFORM
 from ..core.words import count, listing
 from ..model.cameras import OrthographicCamera
-from .balls import axes
 from .object_width import Width
 from .result import Calibration, degrees
 from .two_balls import MIN_LAMPS, LampPlaces, find_lamps
@@ -117,7 +116,7 @@ def _far(directions: Vectors, errors: Numbers, notes: list[str]) -> ObjectLights
 
 def _seen(ball: Calibration) -> Vectors:
     """Return the directions as the camera sees them: right, up, backward."""
-    return ball.directions @ axes(ball.balls[0].projection).T
+    return ball.directions @ ball.balls[0].axes.T
 
 
 def _in_one_frame(

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..core.backend import in_float64
+from ..core.backend import in_float64, jit_quickly
 from ..core.fields import (
     Array,
     Checked,
@@ -279,9 +278,24 @@ def camera_axes(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3"], ...]:
         return tuple(np.asarray(axis) for axis in _stacked_axes(seen_by))
 
 
-@jax.jit
+def affine_rays(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
+    """Return the matrices that take (column, row, 1), pixel centres at +.5, to a ray's origin and its direction."""
+    with in_float64(camera) as seen_by:
+        origin, direction = _stacked_rays(seen_by)
+    return np.array(origin), np.array(direction)
+
+
+@jit_quickly
 def _stacked_axes(camera: AbstractCamera) -> tuple[Array, ...]:
     return tuple(axis.stack() for axis in axes(camera))
+
+
+@jit_quickly
+def _stacked_rays(camera: AbstractCamera) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    of = camera.projection()
+    origin = of.origin_column, of.origin_row, of.origin
+    direction = of.direction_column, of.direction_row, of.direction
+    return tuple(v.stack() for v in origin), tuple(v.stack() for v in direction)
 
 
 def check_intrinsics(K: Any) -> None:

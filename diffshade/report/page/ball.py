@@ -9,11 +9,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from ...core.fields import Array, as_coefficient, as_colour, is_over_pixels
+from ...core.fields import as_coefficient, as_colour, is_over_pixels
 from ...core.words import listing
 from ...inverse.data.views import lights_on
 from ...inverse.result import Fit
-from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, axes
+from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, affine_rays, camera_axes
 from ...model.fresnel import Dielectric, NoFresnel, Schlick
 from ...model.lights import AbstractEmitter, AbstractLight, DirectionalLight, PointLight, SpotLight
 from ...model.lobes import AbstractLobe, AbstractReflectance, Blinn, Phong
@@ -21,7 +21,6 @@ from ...model.patterns import AbstractPattern
 from ...model.rendering import intersect
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Sphere
-from ...model.vectors import Vec3
 
 SIZE = 640  # pixels on the longer side
 LOBES = (Phong, Blinn)
@@ -147,8 +146,7 @@ def _ball(item: Object, camera: AbstractCamera) -> Sphere | None:
     if seen.position is None or not np.any(seen.mask):
         return None
     points = np.asarray(seen.position)[np.asarray(seen.mask)]
-    vectors = camera_vectors(camera)
-    radius = 0.5 * min(float(np.ptp(points @ np.asarray(vectors[axis]))) for axis in ("right", "up"))
+    radius = 0.5 * min(float(np.ptp(points @ axis)) for axis in camera_axes(camera)[:2])
     return Sphere(points.mean(0), radius) if radius > 0 else None
 
 
@@ -157,24 +155,21 @@ def _camera(camera: AbstractCamera, ball: Sphere | None) -> dict[str, Any]:
     if ball is None:
         camera = PLAIN
     else:
-        center, vectors = np.asarray(ball.center), camera_vectors(camera)
-        up, backward = (np.asarray(vectors[axis]) for axis in ("up", "backward"))
+        center, (_, up, backward) = np.asarray(ball.center), camera_axes(camera)
         if (np.asarray(camera.eye) - center) @ backward <= 1.001 * float(ball.radius):
             eye = center + 4.0 * float(ball.radius) * backward
             camera = Camera(eye, target=center, up=up, fov=33.0, shape=camera.shape, local_viewer=camera.local_viewer)
     height, width = ball_shape(camera.shape)
     camera = dataclasses.replace(camera, shape=(height, width))
-    numbers = {name: _floats(vector) for name, vector in camera_vectors(camera).items()}
+    vectors = {"eye": camera.eye, **dict(zip(("right", "up", "backward"), camera_axes(camera), strict=True))}
+    numbers = ray_rows(*affine_rays(camera)) | {name: _floats(vector) for name, vector in vectors.items()}
     return {**numbers, "local_viewer": camera.local_viewer, "height": height, "width": width}
 
 
-@jax.jit
-def camera_vectors(camera: AbstractCamera) -> dict[str, Array]:
-    """Return the vectors of a camera's projection, and its axes."""
-    projection = camera.projection()
-    right, up, _ = axes(camera)
-    vectors = {name: of for name, of in vars(projection).items() if isinstance(of, Vec3)}
-    return {name: vector.stack() for name, vector in {**vectors, "right": right, "up": up}.items()}
+def ray_rows(origin: np.ndarray, direction: np.ndarray) -> dict[str, list[float]]:
+    """Return the rows of matrices as of `affine_rays` by the shader's names."""
+    kinds, of = (("origin", origin), ("direction", direction)), ("_column", "_row", "")
+    return {f"{kind}{name}": _floats(row) for kind, rows in kinds for name, row in zip(of, rows, strict=True)}
 
 
 def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ....core.backend import in_float64
-from ....model.cameras import AbstractCamera, axes
+from ....model.cameras import AbstractCamera, camera_axes
 from ....model.rendering import intersect
 from ....texels.heights.closing import placed
 from ....texels.heights.map import HeightMap
@@ -105,8 +105,7 @@ def _placed(heights: HeightMap) -> np.ndarray:
 def _heights(position: Any, camera: AbstractCamera) -> np.ndarray | None:
     if position is None:
         return None
-    backward = np.asarray(axes(camera)[2].stack())
-    return (np.asarray(position) - np.asarray(camera.target)) @ backward
+    return (np.asarray(position) - np.asarray(camera.target)) @ camera_axes(camera)[2]
 
 
 def _shapes(maps: TexelMaps) -> tuple[np.ndarray, tuple[tuple[float, ...], ...]]:
