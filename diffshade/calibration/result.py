@@ -15,6 +15,7 @@ from ..core.robust_scale import GAUSS_95
 from ..core.tables import as_text, cells, parameters
 from ..core.words import count, listing
 from ..inverse.data.folder_lights import clear_folder, write_lights, write_photograph
+from ..inverse.data.light_lists import lines_of, numbers_in
 from ..inverse.data.views import View
 from ..inverse.result import Fit
 from ..io.arrays import write_array
@@ -233,12 +234,10 @@ def degrees(a: Vectors, b: Vectors) -> Float[np.ndarray, " photographs"]:
 
 def read_directions(path: Path) -> Float[np.ndarray, "n 3"]:
     """Read three numbers per line, and skip a first line that holds their count."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}. Give a text file with three numbers per line.")
-    rows = [line.replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    rows = rows[1:] if rows and len(rows[0]) == 1 else rows
     try:
-        return np.array(rows, np.float64).reshape(len(rows), 3)
+        rows = [numbers_in(line) for _, line in lines_of(path)]
+        rows = rows[1:] if rows and len(rows[0]) == 1 else rows
+        return np.array(rows).reshape(len(rows), 3)
     except ValueError:
         raise ValueError(
             f"{path} must hold three numbers per line, the direction towards each light. Correct the file."

@@ -23,7 +23,7 @@ from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, tog
 from .lobe_refits import with_lobe
 from .metallic_roughness import classic, metal_of, surface_of, what_of
 from .names import original, words
-from .readings import Reading
+from .readings import Reading, first_of
 
 MAX_N_S = 1000.0  # as the format has it
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
@@ -113,7 +113,7 @@ def read_mtl(text: str, where: str) -> Reading:
     if not found:
         raise ValueError(f"{where} has no newmtl line, hence no material. Give an MTL file.")
     if before:
-        reading.note("", f"what stands before the first newmtl line is not read: {_some(before)}.")
+        reading.note("", f"what stands before the first newmtl line is not read: {first_of(before)}.")
     idle = _idle_ambient(text.lstrip("\ufeff \r\n"), found)
     for name, rows in found.items():
         if idle and _is_white(rows, "Ka"):
@@ -147,11 +147,6 @@ def _has(rows: Mapping[str, list[str]], key: str) -> bool:
 
 def _is_white(rows: Mapping[str, list[str]], key: str) -> bool:
     return key in rows and ONE.issuperset(rows[key])
-
-
-def _some(keys: list[str]) -> str:
-    names = [short(key) for key in dict.fromkeys(keys)]
-    return listing(names[:8]) + (" and more" if len(names) > 8 else "")
 
 
 def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Material:
@@ -298,4 +293,4 @@ def _note_the_rest(rows: Mapping[str, list[str]], name: str, reading: Reading) -
         reading.note(name, f"{listing(physical)} describe the surface for PBR programs; Ks and Ns are read instead.")
     unknown = [key for key in rows if key not in (*READ, *UNUSED, *maps)]
     if unknown:
-        reading.note(name, f"unknown keys are not read: {_some(unknown)}.")
+        reading.note(name, f"unknown keys are not read: {first_of(unknown)}.")
