@@ -116,29 +116,29 @@ def _numbers(body: bytes, path: Path) -> Float[np.ndarray, " n"]:
 def _rows(element: Element, data: bytes, place: int, order: str) -> Columns:
     """Return the rows of an element: those that follow each other with lists of the same lengths as one table."""
     lists = [name for name, (length, _) in element.properties.items() if length]
-    tables, rows, most = list[np.ndarray](), element.rows if element.properties else 0, element.rows
+    tables, rows, most = list[Any](), element.rows if element.properties else 0, element.rows
     while rows:
-        kind = _layout(element, data, place, order)
-        table = np.frombuffer(data, kind, min(rows, most, (len(data) - place) // kind.itemsize), place)
+        kind, sizes = _layout(element, data, place, order)
+        table: Any = np.frombuffer(data, kind, min(rows, most, (len(data) - place) // kind.itemsize), place)
         if not len(table):
             raise ValueError("the file ends early")
-        alike = np.logical_and.reduce([table[f"length of {name}"] == kind[name].shape[0] for name in lists] or [True])
+        alike = np.logical_and.reduce([table[f"length of {name}"] == sizes[name] for name in lists] or [True])
         count = len(table) if alike.all() else int(alike.argmin())
         most = 2 * count  # so that a change of lengths every few rows is found among a few rows
         tables.append(table[:count])
         rows, place = rows - count, place + count * kind.itemsize
     items = {name: [np.zeros(0), *(table[name].ravel() for table in tables)] for name in element.properties}
     lengths = {name: [np.zeros(0), *(table[f"length of {name}"] for table in tables)] for name in lists}
-    return Columns(*({name: np.concatenate(of) for name, of in found.items()} for found in (items, lengths)), place)
+    columns, long = ({name: np.concatenate(of) for name, of in found.items()} for found in (items, lengths))
+    return Columns(columns, long, place)
 
 
-def _layout(element: Element, data: bytes, place: int, order: str) -> np.dtype:
-    """Return the type of a row, with lists as long as they are in the row at this place."""
-    fields = list[tuple[Any, ...]]()
+def _layout(element: Element, data: bytes, place: int, order: str) -> tuple[np.dtype, dict[str, int]]:
+    """Return the type of a row whose lists are as long as those of the row at this place, and their lengths."""
+    fields, sizes = list[tuple[Any, ...]](), dict[str, int]()
     for name, (length, item) in element.properties.items():
-        size = 1
         if length:
-            size = int(np.frombuffer(data, order + length, 1, place + np.dtype(fields).itemsize)[0])
+            sizes[name] = int(np.frombuffer(data, order + length, 1, place + np.dtype(fields).itemsize)[0])
             fields.append((f"length of {name}", order + length))
-        fields.append((name, order + item, (size,)))
-    return np.dtype(fields)
+        fields.append((name, order + item, (sizes.get(name, 1),)))
+    return np.dtype(fields), sizes
