@@ -14,7 +14,7 @@ from ..core.masks import Mask
 from ..core.robust_scale import UNIFORM, jackknife_error
 from ..core.thresholds import SMALL
 from ..io.lazy_images import row_tiles
-from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, affine_rays, camera_axes
+from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, affine_rays, camera_axes, pixels_of
 from ..model.surfaces import Sphere
 
 Numbers = Float[np.ndarray, " n"]
@@ -50,12 +50,8 @@ class Ball:
     @property
     def middle(self) -> tuple[float, float]:
         """The column and row of the centre in the image, pixel centres at +.5."""
-        at, (origin, direction) = np.asarray(self.sphere.center), affine_rays(self.camera)
-        if isinstance(self.camera, Camera):
-            to = at - self.camera.eye
-            at, origin = -to / (to @ self.axes[2]), direction
-        right, down, corner = origin
-        return float((at - corner) @ right / (right @ right)), float((at - corner) @ down / (down @ down))
+        column, row = pixels_of(np.asarray(self.sphere.center)[None], self.camera)[0]
+        return float(column), float(row)
 
     def moved(self, step: Float[np.ndarray, "3"]) -> Ball:
         """Return the ball for an outline shifted to the right, upwards, and widened, by a step."""

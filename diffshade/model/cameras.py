@@ -285,6 +285,22 @@ def affine_rays(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3 3"], Float
     return np.array(origin), np.array(direction)
 
 
+def pixel_matrix(camera: AbstractCamera) -> Float[np.ndarray, "3 4"]:
+    """Return the matrix that takes (x, y, z, 1) to (column w, row w, w), pixel centres at +.5."""
+    origin, direction = affine_rays(camera)
+    across = np.linalg.inv(np.stack([*(origin + direction)[:2], direction[2]]).T)  # one of the two depends on the pixel
+    matrix = np.column_stack([across, -across @ origin[2]])
+    if not direction[:2].any():
+        matrix[2] = (0.0, 0.0, 0.0, 1.0)
+    return matrix
+
+
+def pixels_of(points: Float[np.ndarray, "n 3"], camera: AbstractCamera) -> Float[np.ndarray, "n 2"]:
+    """Return column and row of points in the image of a camera, pixel centres at +.5."""
+    found = np.column_stack([points, np.ones(len(points))]) @ pixel_matrix(camera).T
+    return found[:, :2] / found[:, 2:]
+
+
 @jit_quickly
 def _stacked_axes(camera: AbstractCamera) -> tuple[Array, ...]:
     return tuple(axis.stack() for axis in axes(camera))

@@ -360,7 +360,7 @@ def test_lists_that_cannot_be_compared(tmp_path):
     found = ds.lights.calibrate(IMAGE * 0.9, ball="matte", mask=MASK)
     with pytest.raises(ValueError, match=r"one unit vector for each of the 1 photographs; got shape \(4, 3\)"):
         found.compare(DIRECTIONS)
-    with pytest.raises(FileNotFoundError, match=r"there is no file .*no\.txt\. Give a text file"):
+    with pytest.raises(FileNotFoundError, match=r"there is no list of lights .*no\.txt\. Give"):
         found.compare(Path("no.txt"))
     (tmp_path / "list.txt").write_text("1\n0 0\n")
     with pytest.raises(ValueError, match=r"list\.txt must hold three numbers per line"):

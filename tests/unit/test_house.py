@@ -242,7 +242,8 @@ INNER = {
     "read_directions read_folder read_textured render_once segments_of write_photographs write_textured",
     "exchange": "COUNT INDEX OUTSIDE camera_axes check_rgb dome rays_of reflectance",
     "report": "OUTSIDE STATUS affine_rays angular_attenuation bend camera_axes developed heights_within is_grey "
-    "lights_on of_channels placed plane reflectance refract relative_error select visible_points wavelength",
+    "lights_on of_channels pixel_matrix placed plane reflectance refract relative_error select visible_points "
+    "wavelength",
 }
 
 

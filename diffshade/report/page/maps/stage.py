@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.backend import in_float64
-from ....model.cameras import AbstractCamera, affine_rays, camera_axes
+from ....model.cameras import AbstractCamera, affine_rays, camera_axes, pixel_matrix
 from ....model.lights import AbstractLight
 from ....model.lobes import AbstractLobe
 from ....model.rendering import intersect, select
@@ -68,23 +68,16 @@ def _camera(camera: AbstractCamera, factor: int) -> dict[str, Any]:
     plane, lean = (of.T * (factor, factor, 1.0) for of in affine_rays(camera))
     plane[:, 2] -= target
     plane += lean * (eye @ backward)
-    # q = (plane - h lean) (column, row, 1), with h = q . backward; a ray's direction has -1 along backward
-    parallel = np.allclose(lean[:, :2], 0.0)
-    if parallel:
-        inverse = np.linalg.inv(np.stack([plane[:, 0], plane[:, 1], backward], -1))
-        shift = plane[:, 2]
-        rows = np.concatenate([inverse[:2], [[0.0, 0.0, 0.0]]])
-        last = np.append(-inverse[:2] @ shift, 1.0)
-    else:  # all rays meet in the eye: q - eye = w lean (column, row, 1)
-        rows = np.linalg.inv(lean)
-        last = -rows @ eye
+    to_pixel = pixel_matrix(camera)
+    to_pixel[:2] /= factor
+    to_pixel[:, 3] += to_pixel[:, :3] @ target
     return {
         **ray_rows(plane.T, lean.T),
         "eye": eye.tolist(),
         "right": right.tolist(),
         "up": up.tolist(),
         "backward": backward.tolist(),
-        "to_pixel": np.concatenate([rows, last[:, None]], -1).tolist(),
+        "to_pixel": to_pixel.tolist(),
         "texel": float(np.linalg.norm(plane[:, 0])),
         "local_viewer": bool(camera.local_viewer),  # pyright: ignore[reportAttributeAccessIssue]
     }
