@@ -618,7 +618,7 @@ BAD = {
     ),
     "a list that is missing": (
         ["calibrate", "photographs", "--ball", "matte", "--directions", "no.txt"],
-        "there is no file no.txt",
+        "there is no list of lights no.txt",
     ),
     "one of several materials": (["convert", "gold.mtl", "gold.c", "gold.foo"], "'.foo'"),
     "a folder for a material": (["convert", "gold.mtl", "gold.c", "nowhere/gold.c"], "no folder"),
