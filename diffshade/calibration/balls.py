@@ -14,7 +14,15 @@ from ..core.masks import Mask
 from ..core.robust_scale import UNIFORM, jackknife_error
 from ..core.thresholds import SMALL
 from ..io.lazy_images import row_tiles
-from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, affine_rays, camera_axes, pixels_of
+from ..model.cameras import (
+    AbstractCamera,
+    Camera,
+    OrthographicCamera,
+    affine_rays,
+    camera_axes,
+    pixels_of,
+    rays_through,
+)
 from ..model.surfaces import Sphere
 
 Numbers = Float[np.ndarray, " n"]
@@ -63,7 +71,7 @@ class Ball:
 
         It is the nearest solution of |o + t d - c| = R, or for a ray that misses, the sphere's point nearest to it.
         """
-        o, d = rays(self.camera, row, column)
+        o, d = rays_through(self.camera, row, column)
         center, radius = np.asarray(self.sphere.center), float(self.sphere.radius)
         nearest = ((center - o) * d).sum(-1)
         across = o + nearest[:, None] * d - center
@@ -80,13 +88,6 @@ class Ball:
         normals = np.zeros((*self.mask.shape, 3))
         normals[self.mask] = self.seen(row + 0.5, column + 0.5)[1]
         return normals
-
-
-def rays(camera: AbstractCamera, row: Numbers, column: Numbers) -> tuple[Points, Points]:
-    """Return the origins and unit directions of rays through rows and columns, pixel centres at +.5."""
-    place = np.stack([column, row, np.ones_like(row)], -1)
-    origin, direction = (place @ of for of in affine_rays(camera))
-    return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
 def largest(mask: Mask) -> Mask:
@@ -211,7 +212,7 @@ def find_ball(
         raise ValueError(f"the mask {what}. Give True (or white) on the ball alone.")
     camera = _far_camera(row, column, mask.shape, radius) if camera is None else camera
     frame = np.stack(camera_axes(camera))
-    origin, direction = rays(camera, row, column)
+    origin, direction = rays_through(camera, row, column)
     near = isinstance(camera, Camera)
     points, find = (direction @ frame.T, cone) if near else (origin @ frame.T, circle)
     step = float(np.linalg.norm(affine_rays(camera)[int(near)][1]))  # of one pixel: to the next row
@@ -259,7 +260,7 @@ def _disc(ball: Ball) -> Mask:
     for first, last in row_tiles(*disc.shape):  # a ray takes the memory of thirty samples
         rows = disc[first:last]
         row, column = (index.ravel() + 0.5 for index in np.indices(rows.shape))
-        o, d = rays(ball.camera, row + first, column)
+        o, d = rays_through(ball.camera, row + first, column)
         to = np.asarray(ball.sphere.center) - o
         t = (to * d).sum(-1)
         rows[:] = (((to**2).sum(-1) - t**2 < float(ball.sphere.radius) ** 2) & (t > 0)).reshape(rows.shape)

@@ -6,7 +6,6 @@ those of PBR programs (tinyobjloader, Blender). Keys are read in any case of let
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core.words import listing
+from ..io.obj_files import COMMENT
 from ..io.parsing import NUMBER, number, numbers, short
 from ..model.lobes import Blinn
 from ..model.materials import INDEX, Material
@@ -54,7 +54,6 @@ BY_DIFFSHADE = comment((), "#").strip()
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
 ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
-_COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 
 
 def write_mtl(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
@@ -96,7 +95,7 @@ def read_mtl(text: str, where: str) -> Reading:
     rows: dict[str, list[str]] | None = None
     before: list[str] = []
     for line in text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
-        key, _, rest = _COMMENT.split(line, 1)[0].strip().replace("\t", " ").partition(" ")
+        key, _, rest = COMMENT.split(line, 1)[0].strip().replace("\t", " ").partition(" ")
         if key.lower() == "newmtl":
             name = rest.strip() or "material"
             if not rest.strip():

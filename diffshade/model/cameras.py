@@ -285,6 +285,15 @@ def affine_rays(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3 3"], Float
     return np.array(origin), np.array(direction)
 
 
+def rays_through(
+    camera: AbstractCamera, row: Float[np.ndarray, " n"], column: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Return the origins and unit directions of rays through rows and columns, pixel centres at +.5."""
+    place = np.stack([column, row, np.ones_like(row)], -1)
+    origin, direction = (place @ of for of in affine_rays(camera))
+    return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+
 def pixel_matrix(camera: AbstractCamera) -> Float[np.ndarray, "3 4"]:
     """Return the matrix that takes (x, y, z, 1) to (column w, row w, w), pixel centres at +.5."""
     origin, direction = affine_rays(camera)
