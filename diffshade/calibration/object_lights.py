@@ -97,13 +97,12 @@ def lights_at(
         np.rad2deg(stood * lamps.nearness * np.linalg.norm(np.cross(lamps.directions, lamps.baseline), axis=-1)),
     )
     notes += [_on_place(lamps, framed=framed is not None), *_on_distances(lamps, one.names, apart, wide_apart)]
-    near = lamps.in_units(1.0 / apart)
-    distances = np.where(near.near, 1.0 / np.maximum(near.nearness, 1e-12), np.inf)
+    distances = np.where(lamps.near, apart / np.maximum(lamps.nearness, 1e-12), np.inf)
     return ObjectLights(
         lamps.directions,
         errors_there,
         distances,
-        np.where(near.near, near.nearness_errors * distances**2, np.inf),
+        np.where(lamps.near, lamps.nearness_errors * distances**2 / apart, np.inf),
         wide_apart * apart * mask.shape[0] / wide,
         notes,
     )

@@ -66,10 +66,6 @@ class LampPlaces(NamedTuple):
             nearness_errors=self.nearness_errors / length,
         )
 
-    def in_units(self, length: float) -> LampPlaces:
-        """Return the lamps with lengths divided by this one."""
-        return self._replace(nearness=self.nearness * length, nearness_errors=self.nearness_errors * length)
-
 
 def find_lamps(
     directions: Float[np.ndarray, "2 lamps 3"],
