@@ -79,9 +79,8 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
     """Name the features of a scene that the ball does not show."""
     items = scene.objects
     unknown = [f"lights.{i}" for i, found in enumerate(emitters) if found is None]
-    known = [type(lobe) for lobe in _with_glsl(item.material.lobe for item in items)]
-    lobes = [type(item.material.lobe) for item in items if type(item.material.lobe) not in (*LOBES, *known)]
-    weights = [type(m.fresnel).__name__ for m in (item.material for item in items) if type(m.fresnel) not in FRESNEL]
+    lobes = {type(item.material.lobe).__name__ for item in items if not _draws(item.material.lobe)}
+    weights = {type(item.material.fresnel).__name__ for item in items if type(item.material.fresnel) not in FRESNEL}
     features = (
         (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape (shown as a ball)"),
         (len(items) > 1, "more than one object at a time"),
@@ -89,8 +88,8 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (any(item.material.patterns for item in items), "patterns (shown as the mean of their colours)"),
         (any(item.material.maps for item in items), "coefficients over the pixels (shown as their mean)"),
         (any(item.material.highlights for item in items), "highlights beside the first"),
-        (bool(lobes), f"the lobe {listing(sorted({of.__name__ for of in lobes}))} (shown as Phong's)"),
-        (bool(weights), f"the weight {listing(sorted(set(weights)))} of the highlight (shown as k_s)"),
+        (bool(lobes), f"the lobe {listing(sorted(lobes))} (shown as Phong's)"),
+        (bool(weights), f"the weight {listing(sorted(weights))} of the highlight (shown as k_s)"),
         (scene.shadows, "cast shadows"),
         (scene.atmosphere is not None, "the atmosphere between the object and the eye"),
         (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
@@ -104,8 +103,7 @@ def scene_to_render(fit: Fit) -> Scene | None:
     None where the live ball has all, or where a ball cannot stand for an object.
     """
     materials = [item.material for item in fit.scene.objects]
-    drawn = (*LOBES, *(type(lobe) for lobe in _with_glsl(m.lobe for m in materials)))
-    lacks = any(m.patterns or m.highlights or type(m.lobe) not in drawn for m in materials)
+    lacks = any(m.patterns or m.highlights or not _draws(m.lobe) for m in materials)
     lacks = lacks or any(emitter_rows(light, []) is None for light in fit.scene.lights)
     balls = [_ball(item, fit.views[0].camera) for item in fit.scene.objects]
     found = [(item, of) for item, of in zip(fit.scene.objects, balls, strict=True) if of is not None]
@@ -116,14 +114,15 @@ def scene_to_render(fit: Fit) -> Scene | None:
     return dataclasses.replace(scene, objects=tuple(dataclasses.replace(item, surface=of) for item, of in found))
 
 
-def _with_glsl(lobes: Iterable[AbstractReflectance]) -> list[AbstractLobe]:
-    """Return the lobes that are not the shader's own and say how it draws them."""
-    return [of for of in lobes if isinstance(of, AbstractLobe) and type(of) not in LOBES and of.glsl() is not None]
+def _draws(lobe: AbstractReflectance) -> bool:
+    """Return whether the shader draws a lobe: its own, or one that says how."""
+    return type(lobe) in LOBES or (isinstance(lobe, AbstractLobe) and lobe.glsl() is not None)
 
 
-def own_lobes(lobes: Iterable[AbstractReflectance]) -> list[tuple[str, str]]:
-    """Return the name and the shader's function body of each of these lobes, each once."""
-    return list(dict.fromkeys((type(of).__name__, str(of.glsl())) for of in _with_glsl(lobes)))
+def own_lobes(lobes: Iterable[Any]) -> list[tuple[str, str]]:
+    """Return the name and the shader's function body of each lobe that is not the shader's own, each once."""
+    own = (of for of in lobes if _draws(of) and type(of) not in LOBES)
+    return list(dict.fromkeys((type(of).__name__, of.glsl()) for of in own))
 
 
 def lobe_number(lobe: AbstractReflectance, own: Sequence[tuple[str, str]]) -> int:
