@@ -27,6 +27,7 @@ from ..model.surfaces import Sphere
 
 Numbers = Float[np.ndarray, " n"]
 Points = Float[np.ndarray, "n 3"]
+Vectors = Float[np.ndarray, "photographs 3"]
 
 SECTORS = 12  # number of sectors of an outline, left out one at a time to find its errors
 MIN_POINTS = 2 * SECTORS  # of an outline: two in each sector

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from ..core.arrays import float64_of
 from ..core.fields import check, check_kind
@@ -19,8 +18,6 @@ from .matte import by_shading
 from .mirror import by_mirrors
 from .photographs import Photographs, gather
 from .result import Calibration, given_directions
-
-Vectors = Float[np.ndarray, "photographs 3"]
 
 BALLS = ("mirror", "matte", "glossy")
 

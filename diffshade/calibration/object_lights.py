@@ -11,11 +11,11 @@ from jaxtyping import Bool, Float
 from ..core.robust_scale import RARE, UNIFORM
 from ..core.words import count, listing
 from ..model.cameras import OrthographicCamera
+from .balls import Vectors
 from .object_width import Width
 from .result import Calibration, degrees
 from .two_balls import MIN_LAMPS, LampPlaces, find_lamps
 
-Vectors = Float[np.ndarray, "photographs 3"]
 Numbers = Float[np.ndarray, " photographs"]
 
 APART = 4.0  # ball radii between the balls, where that is not known

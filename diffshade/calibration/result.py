@@ -25,9 +25,7 @@ from ..io.lazy_images import HeldImage
 from ..io.scene_files import write_scene
 from ..model.cameras import AbstractCamera, OrthographicCamera
 from ..model.scenes import Scene
-from .balls import Ball
-
-Vectors = Float[np.ndarray, "photographs 3"]
+from .balls import Ball, Vectors
 
 
 @dataclass(frozen=True, eq=False)
