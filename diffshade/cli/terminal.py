@@ -116,6 +116,9 @@ BOUNDS = Typed("name=low:high", _bounds, "bounds must have the form NAME=LOW:HIG
 LIGHTS_ON = Typed(
     "lights", _lights_on, "lights must be each, all, or indices for each photograph", "for example 0,1,0+1"
 )
+INDICES = Typed(
+    "lights", lambda word: [int(index) for index in word.split(",")], "lights must be indices from 0", "for example 0,2"
+)
 CIRCLE = Typed("x,y,r", _circle, "a circle is column, row and radius, pixels", "for example 320,240,100")
 EXPOSURE = Typed(
     "x|auto",
