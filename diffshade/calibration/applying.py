@@ -20,12 +20,11 @@ from ..inverse.data.photograph_files import PhotographFiles, photograph_files
 from ..inverse.data.photographs import as_given
 from ..io.images import without_alpha
 from ..texels.lights.encoding import FileEncoding, judge_encoding
+from .balls import Vectors
 from .object_lights import ObjectLights, between, lights_at
 from .object_width import Width, find_width, picture_points, sample_of
 from .result import Calibration, check_folder
 from .two_balls import LampPlaces
-
-Vectors = Float[np.ndarray, "photographs 3"]
 
 
 @dataclass(frozen=True, eq=False)

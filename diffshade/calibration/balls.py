@@ -6,21 +6,28 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from ..core.backend import in_float64, jit_quickly
 from ..core.masks import Mask
 from ..core.robust_scale import UNIFORM, jackknife_error
 from ..core.thresholds import SMALL
 from ..io.lazy_images import row_tiles
-from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, Projection
+from ..model.cameras import (
+    AbstractCamera,
+    Camera,
+    OrthographicCamera,
+    affine_rays,
+    camera_axes,
+    pixels_of,
+    rays_through,
+)
 from ..model.surfaces import Sphere
 
 Numbers = Float[np.ndarray, " n"]
 Points = Float[np.ndarray, "n 3"]
+Vectors = Float[np.ndarray, "photographs 3"]
 
 SECTORS = 12  # number of sectors of an outline, left out one at a time to find its errors
 MIN_POINTS = 2 * SECTORS  # of an outline: two in each sector
@@ -34,7 +41,8 @@ class Ball:
     """A sphere that was found in an image."""
 
     camera: AbstractCamera
-    projection: Projection
+    axes: Float[np.ndarray, "3 3"]
+    """The camera's right, up and backward axes, as rows."""
     sphere: Sphere
     mask: Mask
     """The given pixels whose centres see the sphere."""
@@ -51,18 +59,12 @@ class Ball:
     @property
     def middle(self) -> tuple[float, float]:
         """The column and row of the centre in the image, pixel centres at +.5."""
-        P, backward = self.projection, axes(self.projection)[2]
-        at = np.asarray(self.sphere.center)
-        corner, right, down = vector(P.origin), vector(P.origin_column), vector(P.origin_row)
-        if isinstance(self.camera, Camera):
-            to = at - vector(P.eye)
-            at = -to / (to @ backward)
-            corner, right, down = vector(P.direction), vector(P.direction_column), vector(P.direction_row)
-        return float((at - corner) @ right / (right @ right)), float((at - corner) @ down / (down @ down))
+        column, row = pixels_of(np.asarray(self.sphere.center)[None], self.camera)[0]
+        return float(column), float(row)
 
     def moved(self, step: Float[np.ndarray, "3"]) -> Ball:
         """Return the ball for an outline shifted to the right, upwards, and widened, by a step."""
-        center = np.asarray(self.sphere.center) + step[:2] @ axes(self.projection)[:2]
+        center = np.asarray(self.sphere.center) + step[:2] @ self.axes[:2]
         return dataclasses.replace(self, sphere=Sphere(center, float(self.sphere.radius) + float(step[2])))
 
     def seen(self, row: Numbers, column: Numbers) -> tuple[Points, Points, Points]:
@@ -70,7 +72,7 @@ class Ball:
 
         It is the nearest solution of |o + t d - c| = R, or for a ray that misses, the sphere's point nearest to it.
         """
-        o, d = rays(self.projection, row, column)
+        o, d = rays_through(self.camera, row, column)
         center, radius = np.asarray(self.sphere.center), float(self.sphere.radius)
         nearest = ((center - o) * d).sum(-1)
         across = o + nearest[:, None] * d - center
@@ -78,8 +80,7 @@ class Ball:
         n = across - half[:, None] * d
         n = n / np.linalg.norm(n, axis=-1, keepdims=True)
         p = center + radius * n
-        backward = np.broadcast_to(axes(self.projection)[2], n.shape)
-        v = vector(self.projection.eye) - p if self.camera.local_viewer else backward
+        v = np.asarray(self.camera.eye) - p if self.camera.local_viewer else np.broadcast_to(self.axes[2], n.shape)
         return p, n, v / np.linalg.norm(v, axis=-1, keepdims=True)
 
     def normals(self) -> Float[np.ndarray, "h w 3"]:
@@ -88,35 +89,6 @@ class Ball:
         normals = np.zeros((*self.mask.shape, 3))
         normals[self.mask] = self.seen(row + 0.5, column + 0.5)[1]
         return normals
-
-
-_projection = jit_quickly(lambda camera: camera.projection())
-
-
-def project(camera: AbstractCamera) -> Projection:
-    """Return a camera's projection as NumPy float64."""
-    with in_float64(camera) as camera:
-        return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), _projection(camera))
-
-
-def vector(vec3: object) -> Float[np.ndarray, "3"]:
-    """Return the three numbers of a Vec3."""
-    return np.array(jax.tree.leaves(vec3))
-
-
-def axes(projection: Projection) -> Float[np.ndarray, "3 3"]:
-    """Return a camera's right, up and backward axes, as rows."""
-    right = vector(projection.origin_column) + vector(projection.direction_column)
-    down = vector(projection.origin_row) + vector(projection.direction_row)
-    return np.stack([right / np.linalg.norm(right), -down / np.linalg.norm(down), vector(projection.backward)])
-
-
-def rays(projection: Projection, row: Numbers, column: Numbers) -> tuple[Points, Points]:
-    """Return the origins and unit directions of rays through rows and columns, pixel centres at +.5."""
-    P, row, column = projection, row[:, None], column[:, None]
-    origin = vector(P.origin) + vector(P.origin_column) * column + vector(P.origin_row) * row
-    direction = vector(P.direction) + vector(P.direction_column) * column + vector(P.direction_row) * row
-    return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
 def largest(mask: Mask) -> Mask:
@@ -240,12 +212,11 @@ def find_ball(
         what = "covers the whole picture" if mask.all() else f"shows no ball: its edge has {len(row)} points"
         raise ValueError(f"the mask {what}. Give True (or white) on the ball alone.")
     camera = _far_camera(row, column, mask.shape, radius) if camera is None else camera
-    projection = project(camera)
-    frame = axes(projection)
-    origin, direction = rays(projection, row, column)
+    frame = np.stack(camera_axes(camera))
+    origin, direction = rays_through(camera, row, column)
     near = isinstance(camera, Camera)
     points, find = (direction @ frame.T, cone) if near else (origin @ frame.T, circle)
-    step = float(np.linalg.norm(vector(projection.direction_row if near else projection.origin_row)))  # of one pixel
+    step = float(np.linalg.norm(affine_rays(camera)[int(near)][1]))  # of one pixel: to the next row
     weight = _near(points, find, step)
     _check_some(weight)
     center, width, _ = find(points, weight)
@@ -256,7 +227,7 @@ def find_ball(
     errors = jackknife_error(np.array([[*c[:2], w] for c, w, _ in others]))
     if near:
         distance = radius / np.sin(width)
-        sphere = Sphere(vector(projection.eye) + distance * center @ frame, radius)
+        sphere = Sphere(np.asarray(camera.eye) + distance * center @ frame, radius)
         pixel = -distance * center[2] * step
         errors = errors * distance
     else:
@@ -267,7 +238,7 @@ def find_ball(
         errors = np.maximum(errors, UNIFORM * pixel)
     else:  # of grey values: what lies behind the ball moves the radius, and little the middle
         errors = np.sqrt(errors**2 + (np.square(apart) + np.square([SMALL, SMALL, UNIFORM])) * pixel**2)
-    ball = Ball(camera, projection, sphere, mask, errors, pixel)
+    ball = Ball(camera, frame, sphere, mask, errors, pixel)
     return dataclasses.replace(ball, mask=_disc(ball) if whole else mask & _disc(ball))
 
 
@@ -290,7 +261,7 @@ def _disc(ball: Ball) -> Mask:
     for first, last in row_tiles(*disc.shape):  # a ray takes the memory of thirty samples
         rows = disc[first:last]
         row, column = (index.ravel() + 0.5 for index in np.indices(rows.shape))
-        o, d = rays(ball.projection, row + first, column)
+        o, d = rays_through(ball.camera, row + first, column)
         to = np.asarray(ball.sphere.center) - o
         t = (to * d).sum(-1)
         rows[:] = (((to**2).sum(-1) - t**2 < float(ball.sphere.radius) ** 2) & (t > 0)).reshape(rows.shape)

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from ..core.arrays import float64_of
 from ..core.fields import check, check_kind
 from ..core.progress import showing
-from ..core.words import listing
 from ..model.cameras import AbstractCamera, Camera
 from .balls import Ball, find_ball
 from .glossy import by_fit
 from .matte import by_shading
 from .mirror import by_mirrors
 from .photographs import Photographs, gather
-from .result import Calibration, read_directions
-
-Vectors = Float[np.ndarray, "photographs 3"]
+from .result import Calibration, given_directions
 
 BALLS = ("mirror", "matte", "glossy")
 
@@ -91,7 +86,7 @@ def calibrate(
         elif ball == "glossy":
             found = by_fit(taken, balls[0], report_progress)
         else:
-            known = None if directions is None else _known(directions, taken.names)
+            known = None if directions is None else given_directions(directions, taken.names, "directions")
             found = by_shading(taken, balls[0], known, report_progress)
     return dataclasses.replace(found, notes=(*found.notes, *_of_camera(camera)))
 
@@ -147,24 +142,3 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
         find_ball(m, camera, float(r), whole=taken.found, **edge)
         for m, r, edge in zip(taken.masks, radii, edges, strict=True)
     )
-
-
-def _known(directions: Any, names: Sequence[str]) -> tuple[Vectors, Float[np.ndarray, " photographs"]]:
-    """Return given directions as unit vectors, and their errors in degrees."""
-    photographs = len(names)
-    errors = directions.errors if isinstance(directions, Calibration) else np.zeros(photographs)
-    if isinstance(directions, str | Path):
-        directions = read_directions(Path(directions))
-    found = np.asarray(directions.directions if isinstance(directions, Calibration) else directions, np.float64)
-    if found.shape == (photographs, 3) and not (np.isfinite(found).all() and found.any(-1).all()):
-        bad = int(np.flatnonzero(~(np.isfinite(found).all(-1) & found.any(-1)))[0])
-        raise ValueError(
-            f"directions must be finite and not zero; got {found[bad].tolist()} for photograph {bad}. Give (x, y, z) "
-            "towards its light."
-        )
-    if found.shape != (photographs, 3):
-        raise ValueError(
-            f"directions must be one vector for each of the {photographs} photographs; got shape {found.shape}. The "
-            f"photographs are {listing(names)}. Give (x, y, z) towards the light of each."
-        )
-    return found / np.linalg.norm(found, axis=-1, keepdims=True), errors

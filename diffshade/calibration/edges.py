@@ -17,8 +17,8 @@ from scipy import ndimage
 from ..core.extras import needing
 from ..core.thresholds import SIDE, SMALL
 from .balls import circle, near_one_circle
+from .highlights import Picture
 
-Picture = Float[np.ndarray, "h w"]
 Points = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 Circle = Float[np.ndarray, "3"]
 

@@ -21,7 +21,7 @@ from ..model.cameras import Camera
 from ..model.lights import DirectionalLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene
-from .balls import Ball, axes
+from .balls import Ball
 from .laws import find_lamps
 from .matte import Vectors, sample_ball
 from .photographs import Photographs
@@ -87,7 +87,7 @@ def pose_priors(ball: Ball) -> Priors:
         spread[2] *= np.linalg.norm(away) / float(ball.sphere.radius)
     else:
         priors["radius"] = (float(ball.sphere.radius), float(ball.errors[2]))
-    along = np.sqrt(np.square(spread[:, None] * axes(ball.projection)).sum(0))
+    along = np.sqrt(np.square(spread[:, None] * ball.axes).sum(0))
     for axis, x, error in zip("xyz", np.asarray(ball.sphere.center), along, strict=True):
         priors[f"center.{axis}"] = (float(x), float(error))
     return priors

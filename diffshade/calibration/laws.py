@@ -14,9 +14,9 @@ from ..core.robust_scale import robust_scale
 from ..core.thresholds import MAX_STEPS, ROUNDING
 from ..inverse.forward.losses import CAUCHY
 from ..inverse.solve.elimination import eliminate
+from .balls import Vectors
 
 Table = Float[np.ndarray, "photographs pixels"]
-Vectors = Float[np.ndarray, "photographs 3"]
 
 LAWS = {"E4": 0, "E1 and E4": 1, "any": 5}  # laws of shading, and how many parameters the photographs share
 PRIOR = 0.3  # standard deviation of the shared parameters: it decides what one photograph leaves open

@@ -13,12 +13,10 @@ from ..core.thresholds import CLEARLY, FAR_MORE, MINOR
 from ..model.lights import DirectionalLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene
-from .balls import MIN_N_V, Ball
+from .balls import MIN_N_V, Ball, Vectors
 from .laws import LAWS, PhotographLights, Shading, find_lamps
 from .photographs import Photographs
 from .result import Calibration, degrees
-
-Vectors = Float[np.ndarray, "photographs 3"]
 
 PATCHES = 6  # across a ball; the errors of the pixels in one patch are correlated
 MAX_PIXELS = 8_000  # more make no error smaller: those of neighbours are one

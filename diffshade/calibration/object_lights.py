@@ -11,12 +11,11 @@ from jaxtyping import Bool, Float
 from ..core.robust_scale import RARE, UNIFORM
 from ..core.words import count, listing
 from ..model.cameras import OrthographicCamera
-from .balls import axes
+from .balls import Vectors
 from .object_width import Width
 from .result import Calibration, degrees
 from .two_balls import MIN_LAMPS, LampPlaces, find_lamps
 
-Vectors = Float[np.ndarray, "photographs 3"]
 Numbers = Float[np.ndarray, " photographs"]
 
 APART = 4.0  # ball radii between the balls, where that is not known
@@ -98,13 +97,12 @@ def lights_at(
         np.rad2deg(stood * lamps.nearness * np.linalg.norm(np.cross(lamps.directions, lamps.baseline), axis=-1)),
     )
     notes += [_on_place(lamps, framed=framed is not None), *_on_distances(lamps, one.names, apart, wide_apart)]
-    near = lamps.in_units(1.0 / apart)
-    distances = np.where(near.near, 1.0 / np.maximum(near.nearness, 1e-12), np.inf)
+    distances = np.where(lamps.near, apart / np.maximum(lamps.nearness, 1e-12), np.inf)
     return ObjectLights(
         lamps.directions,
         errors_there,
         distances,
-        np.where(near.near, near.nearness_errors * distances**2, np.inf),
+        np.where(lamps.near, lamps.nearness_errors * distances**2 / apart, np.inf),
         wide_apart * apart * mask.shape[0] / wide,
         notes,
     )
@@ -117,7 +115,7 @@ def _far(directions: Vectors, errors: Numbers, notes: list[str]) -> ObjectLights
 
 def _seen(ball: Calibration) -> Vectors:
     """Return the directions as the camera sees them: right, up, backward."""
-    return ball.directions @ axes(ball.balls[0].projection).T
+    return ball.directions @ ball.balls[0].axes.T
 
 
 def _in_one_frame(

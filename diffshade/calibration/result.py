@@ -15,6 +15,7 @@ from ..core.robust_scale import GAUSS_95
 from ..core.tables import as_text, cells, parameters
 from ..core.words import count, listing
 from ..inverse.data.folder_lights import clear_folder, write_lights, write_photograph
+from ..inverse.data.light_lists import lines_of, numbers_in
 from ..inverse.data.views import View
 from ..inverse.result import Fit
 from ..io.arrays import write_array
@@ -24,9 +25,7 @@ from ..io.lazy_images import HeldImage
 from ..io.scene_files import write_scene
 from ..model.cameras import AbstractCamera, OrthographicCamera
 from ..model.scenes import Scene
-from .balls import Ball
-
-Vectors = Float[np.ndarray, "photographs 3"]
+from .balls import Ball, Vectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,21 +100,10 @@ class Calibration:
             ValueError: If there is not one direction for each photograph.
             FileNotFoundError: If the file does not exist.
         """
-        errors = self.errors
-        if isinstance(directions, Calibration):
-            errors = np.hypot(errors, directions.errors)
-            directions = directions.directions
-        elif isinstance(directions, str | Path):
-            name = Path(directions).name if name == "the other list" else name
-            directions = read_directions(Path(directions))
-        other = np.asarray(directions, np.float64)
-        if other.shape != self.directions.shape or not (np.linalg.norm(other, axis=-1) > 0).all():
-            raise ValueError(
-                f"{name} must hold one unit vector for each of the {len(self.names)} photographs; got shape "
-                f"{other.shape}. The photographs are {listing(self.names)}: make the two match, for example with a "
-                "filenames.txt in the folder that lists the photographs to use, one per line."
-            )
-        return Comparison(name, self.names, degrees(self.directions, other), errors)
+        if isinstance(directions, str | Path) and name == "the other list":
+            name = Path(directions).name
+        other, errors = given_directions(directions, self.names, name)
+        return Comparison(name, self.names, degrees(self.directions, other), np.hypot(self.errors, errors))
 
     def write(self, folder: str | Path) -> None:
         """Write photographs and lights as a folder that `read_photographs` reads, in DiLiGenT's layout.
@@ -231,14 +219,42 @@ def degrees(a: Vectors, b: Vectors) -> Float[np.ndarray, " photographs"]:
     return np.rad2deg(np.arctan2(across, (a * b).sum(-1)))
 
 
+def given_directions(
+    directions: Any, names: Sequence[str], what: str
+) -> tuple[Vectors, Float[np.ndarray, " photographs"]]:
+    """Return directions of a list, a file or a calibration as unit vectors, and their errors, 0 where not known.
+
+    Args:
+        directions: One towards the light of each photograph.
+        names: The names of the photographs.
+        what: What the directions are called.
+    """
+    errors = directions.errors if isinstance(directions, Calibration) else np.zeros(len(names))
+    if isinstance(directions, str | Path):
+        directions = read_directions(Path(directions))
+    found = np.asarray(directions.directions if isinstance(directions, Calibration) else directions, np.float64)
+    if found.shape != (len(names), 3):
+        raise ValueError(
+            f"{what} must hold one vector for each of the {len(names)} photographs; got shape {found.shape}. The "
+            f"photographs are {listing(names)}: make the two match, for example with a filenames.txt in the folder "
+            "that lists the photographs to use, one per line."
+        )
+    length = np.linalg.norm(found, axis=-1)
+    if (wrong := ~(np.isfinite(length) & (length > 0.0))).any():
+        bad = int(wrong.argmax())
+        raise ValueError(
+            f"{what} must be finite and not zero; got {found[bad].tolist()} for photograph {bad}. Give (x, y, z) "
+            "towards its light."
+        )
+    return found / length[:, None], errors
+
+
 def read_directions(path: Path) -> Float[np.ndarray, "n 3"]:
     """Read three numbers per line, and skip a first line that holds their count."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}. Give a text file with three numbers per line.")
-    rows = [line.replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    rows = rows[1:] if rows and len(rows[0]) == 1 else rows
     try:
-        return np.array(rows, np.float64).reshape(len(rows), 3)
+        rows = [numbers_in(line) for _, line in lines_of(path)]
+        rows = rows[1:] if rows and len(rows[0]) == 1 else rows
+        return np.array(rows).reshape(len(rows), 3)
     except ValueError:
         raise ValueError(
             f"{path} must hold three numbers per line, the direction towards each light. Correct the file."

@@ -46,8 +46,6 @@ class LampPlaces(NamedTuple):
     """Unit vector from the first ball to the second."""
     baseline_error: float
     """Degrees; 0 where it was known."""
-    misfit: float
-    """Root mean square of the residuals, in errors of the highlights."""
 
     @property
     def near(self) -> Bool[np.ndarray, " lamps"]:
@@ -65,10 +63,6 @@ class LampPlaces(NamedTuple):
             nearness=self.nearness / length,
             nearness_errors=self.nearness_errors / length,
         )
-
-    def in_units(self, length: float) -> LampPlaces:
-        """Return the lamps with lengths divided by this one."""
-        return self._replace(nearness=self.nearness * length, nearness_errors=self.nearness_errors * length)
 
 
 def find_lamps(
@@ -94,8 +88,7 @@ def find_lamps(
     if baseline is None and np.sum(found.x[problem.of_nearness]) < 0.0:  # the same, with the balls exchanged
         found = problem.solve(problem.mirrored(found.x))
     spare = max(directions.shape[1] - (2 if baseline is None else 0), 1)
-    misfit = float(np.sqrt(2.0 * found.cost / spare))
-    problem.sigma = problem.sigma * max(misfit, 1.0)
+    problem.sigma = problem.sigma * max(np.sqrt(2.0 * found.cost / spare), 1.0)
     found = problem.solve(found.x)
     w, error = found.x[problem.of_nearness], np.sqrt(np.diag(_inverse(found.jac))[problem.of_nearness])
     mean, scatter, of_mean = _scatter(w, error)
@@ -113,7 +106,6 @@ def find_lamps(
         np.sqrt(own + (own / scatter**2 * of_mean) ** 2),  # as far as a lamp is the mean, it has the error of that
         b,
         float(np.rad2deg(np.sqrt(tilted))),
-        misfit,
     )
 
 

@@ -118,7 +118,7 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
 
     from ..io.files import writable
     from ..report.figures import check_figure
-    from ..report.lamp_picture import light_on_plane
+    from ..report.lamp_picture import light_on_plane, unit_of_light
 
     out = out or file.with_suffix(".png")
     check_figure(out)
@@ -127,7 +127,7 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
     found = ds.lamps.read_lamp(file, lamp_set=chosen, tilt=tilt)
     plane = light_on_plane(found, distance, 5)
     ds.write_figure(out, ds.lamps.draw_lamp(found, distance=distance))
-    unit = "lux" if found.label.unit == "cd" else f"{found.label.unit.removesuffix('/sr')} per unit of area"
+    unit = unit_of_light(found.label.unit)
     table = [("C90", plane.across), *zip(plane.across[::-1], plane.light, strict=True)]  # from the side of C90 on
     rows = [f"{at:>7.4}" + "".join(f"{value:10.4g}" for value in row) for at, row in table]
     lines = [

@@ -47,14 +47,7 @@ MODELS = ("phong", "blinn", "matte")
 def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None) -> None:
     """Fit parameters, with errors. SOURCE: a folder, or a .toml with PHOTOS."""
     check_out(out, [typed.source, *typed.photos])
-    source = typed.read()
-    seen, left_out = divided(len(source.views), hold_out)
-    source, held = source.only(seen), source.only(left_out)
-    if hold_out is None:
-        found, bands = typed.fit(source), None
-    else:
-        bands = _bands(typed, source)
-        found = cast("ds.Fit", bands.result)
+    source, held, found, bands = _fitted(typed, hold_out)
     inside, data_of_bands = on_bands(bands, held.views, held.names)
     written = [_put(path, found, source, typed.source) for path in out]
     files = ", ".join(map(str, out))
@@ -72,15 +65,21 @@ def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None) -> None:
     )
 
 
-def _bands(typed: Options, source: Source) -> PredictionBands:
-    """Fit all views of a source, and again without groups of them."""
+def _fitted(typed: Options, hold_out: int | None) -> tuple[Source, Source, ds.Fit, PredictionBands | None]:
+    """Return what is fitted, what is left out, the fit and, by fits without groups of views as well, its bands."""
     import diffshade as ds
+
+    every = typed.read()
+    source, held = (every.only(which) for which in divided(len(every.views), hold_out))
+    if hold_out is None:
+        return source, held, typed.fit(source), None
 
     def fit_some(views: Sequence[ds.View]) -> ds.Fit:
         which = [i for i, view in enumerate(source.views) if any(view is other for other in views)]
         return typed.fit(source.only(which))
 
-    return ds.fit_bands(fit_some, source.views)
+    bands = ds.fit_bands(fit_some, source.views)
+    return source, held, cast("ds.Fit", bands.result), bands
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade report photographs -o ball.html")
@@ -103,11 +102,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, title: 
         return
     if title or full is not None:
         raise ValueError(f"--title, --full and --embed are of maps; got one with {typed.source}. Leave it out.")
-    every = typed.read()
-    seen, left_out = divided(len(every.views), hold_out)
-    source, held = every.only(seen), every.only(left_out)
-    bands = None if hold_out is None else _bands(typed, source)
-    found = typed.fit(source) if bands is None else cast("ds.Fit", bands.result)
+    source, held, found, bands = _fitted(typed, hold_out)
     more: dict[str, Any] = {}
     if not quick:
         more["examination"] = ds.examine(found, progress=True)

@@ -11,7 +11,7 @@ from click.shell_completion import CompletionItem
 
 from .materials import find_material, put_material
 from .pictures import EXPOSED, check_holds_bands, check_picture, put_picture
-from .terminal import EXPOSURE, FILE, FOLDER, NAMES, SETTINGS, SIZE, OneOf, answer, completions, with_json
+from .terminal import EXPOSURE, FILE, FOLDER, INDICES, NAMES, SETTINGS, SIZE, OneOf, answer, completions, with_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,7 +66,7 @@ def new(scene: Path, material: str | None, force: bool) -> None:
 @click.option("--material", metavar="NAME|FILE", shell_complete=_named_materials, help="Of a mesh  [default: its own]")
 @click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
 @click.option("--size", type=SIZE, metavar="WxH", help="In pixels  [default: the camera's shape]")
-@click.option("--lit", type=NAMES, metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
+@click.option("--lit", type=INDICES, metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
 @click.option(
     "--samples",
     type=click.IntRange(1),
@@ -83,7 +83,7 @@ def render(
     material: str | None,
     out: Path | None,
     size: tuple[int, int] | None,
-    lit: tuple[str, ...] | None,
+    lit: list[int] | None,
     samples: int,
     exposure: float | str,
     srgb: bool | None,
@@ -101,7 +101,6 @@ def render(
 
     out = out or scene.with_suffix(".png")
     check_picture(out, exposure, bits)
-    on = None if lit is None else [_index(word) for word in lit]
     if material is not None and scene.suffix.lower() == ".toml":
         raise ValueError(f"--material is for a mesh; {scene} is a scene, which has its own. Leave it out.")
     with showing("render") as report_progress:
@@ -110,9 +109,9 @@ def render(
             check_holds_bands(out, len(world.channels))
             if size is not None:
                 camera = dataclasses.replace(camera, shape=(size[1], size[0]))
-            image = np.asarray(render_once(world, camera, on, samples), np.float64)
+            image = np.asarray(render_once(world, camera, lit, samples), np.float64)
         else:
-            image = _of_mesh(scene, material, out, size or (512, 512), on, samples, report_progress)
+            image = _of_mesh(scene, material, out, size or (512, 512), lit, samples, report_progress)
     put_picture(out, image, exposure, srgb=srgb, bits=bits)
 
 
@@ -148,13 +147,6 @@ def _of_mesh(
         moved = dataclasses.replace(camera, principal_point=(size[0] / 2.0 + across, size[1] / 2.0 + down))
         image += np.asarray(ds.render(ds.Scene(seen(moved), lights, ambient=FILL), moved, lit=lit), np.float64)
     return image / samples**2
-
-
-def _index(word: str) -> int:
-    try:
-        return int(word)
-    except ValueError:
-        raise ValueError(f"--lit takes indices of lights, from 0; got '{word}'. Give for example 0,2.") from None
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")

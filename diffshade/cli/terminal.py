@@ -116,6 +116,9 @@ BOUNDS = Typed("name=low:high", _bounds, "bounds must have the form NAME=LOW:HIG
 LIGHTS_ON = Typed(
     "lights", _lights_on, "lights must be each, all, or indices for each photograph", "for example 0,1,0+1"
 )
+INDICES = Typed(
+    "lights", lambda word: [int(index) for index in word.split(",")], "lights must be indices from 0", "for example 0,2"
+)
 CIRCLE = Typed("x,y,r", _circle, "a circle is column, row and radius, pixels", "for example 320,240,100")
 EXPOSURE = Typed(
     "x|auto",
@@ -132,23 +135,16 @@ TOWARD_LIGHT = Typed(
 )
 
 
-class OneOf(click.ParamType):
-    """One of several words."""
+class OneOf(click.Choice):
+    """One of several words, which the option's help names."""
 
-    name = "name"
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return "NAME"
 
-    def __init__(self, words: tuple[str, ...]):
-        self.words = words
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
         from ..core.words import did_you_mean
 
-        if value not in self.words:
-            self.fail(f"'{value}' is not known. {did_you_mean(value, self.words)}", param, ctx)
-        return value
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        return completions(self.words, incomplete)
+        return f"'{value}' is not known. {did_you_mean(value, self.choices)}"
 
 
 def completions(words: Iterable[str], incomplete: str) -> list[CompletionItem]:

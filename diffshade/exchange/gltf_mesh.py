@@ -109,12 +109,13 @@ def reflected(
     roughness: Float[np.ndarray, "h w"],
 ) -> Float[np.ndarray, "h w 3"]:
     """Return the radiance of textures under a light of pi in the direction l."""
-    n, head_on = normal.reshape(-1, 3), head_on.reshape(-1, 3)
-    points = Reference(np.where(n[:, 2:] > EDGE, n, [0.0, 0.0, 1.0]), np.broadcast_to(l, n.shape))
-    seen = points.n_l[:, None] > EDGE
-    points = Reference(np.where(seen, points.n, l), points.l)
-    surface = MetallicRoughness(roughness.ravel(), base.reshape(-1, 3), head_on, head_on.max(-1, keepdims=True))
-    return np.where(seen, surface.reflected(points), 0.0).reshape(normal.shape)
+    n = np.where(normal[..., 2:] > EDGE, normal, [0.0, 0.0, 1.0])
+    seen = n @ l > EDGE
+    edge = head_on[seen].max(-1, keepdims=True)
+    surface = MetallicRoughness(roughness[seen], base[seen], head_on[seen], edge)
+    found = np.zeros(normal.shape)
+    found[seen] = surface.reflected(Reference(n[seen], np.broadcast_to(l, n[seen].shape)))
+    return found
 
 
 def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:

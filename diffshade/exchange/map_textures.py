@@ -18,7 +18,7 @@ from ..core.thresholds import UNCLIPPED_PERCENT
 from ..io.encodings import srgb_decode, srgb_encode
 from ..io.files import write_file
 from ..io.image_formats import encode
-from ..io.triangles import Triangles, first_hits
+from ..io.triangles import Triangles, tracer
 from ..model.cameras import camera_axes
 from ..model.lights import DirectionalLight
 from ..model.lobes import AbstractLobe
@@ -97,7 +97,7 @@ def _frames(mesh: HeightMesh, shape: tuple[int, int]) -> tuple[Float[np.ndarray,
 
     rays = rays_of(mesh.camera)
     start, toward = rays.start.reshape(-1, 3), -rays.toward.reshape(-1, 3)
-    hits = first_hits(Triangles(mesh.corner, mesh.face), start, toward)
+    hits = tracer(Triangles(mesh.corner, mesh.face))(start, toward)
     place = (np.indices(shape).reshape(2, -1).T + 0.5) / shape
     ahead = np.flatnonzero(mesh.normal @ camera_axes(mesh.camera)[2] > 0.0)
     corner = ahead[KDTree(mesh.uv[ahead, ::-1]).query(place)[1]]  # for pixels at the border, whose rays miss

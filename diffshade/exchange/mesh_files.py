@@ -32,6 +32,7 @@ from .map_textures import (
     write_pictures,
 )
 from .mtl import MAX_N_S
+from .reference import Reference
 
 SUFFIXES = (".glb", ".gltf", ".json", ".obj", ".ply")
 
@@ -234,10 +235,9 @@ def _mtl_textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     normal = surface.normals_of(back["norm"])
 
     def shade(l: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w 3"]:
-        h = l + np.array([0.0, 0.0, 1.0])
-        n_l, n_h = np.maximum(normal @ l, 0.0), np.maximum(normal @ (h / np.linalg.norm(h)), 0.0)
-        highlight = np.where(n_l > 0.0, n_h**exponent, 0.0)[..., None]
-        return back["Kd"] * n_l[..., None] + most * back["Ks"] * highlight + surface.k_e
+        points = Reference(normal, l)
+        highlight = np.where(points.n_l > 0.0, points.n_h**exponent, 0.0)[..., None]
+        return back["Kd"] * points.n_l[..., None] + most * back["Ks"] * highlight + surface.k_e
 
     rows = {"Ka": "0 0 0", "Kd": "1 1 1", "Ks": plain([most] * 3, " "), "Ns": plain(highest), "illum": "2"}
     rows |= {"Ke": plain(surface.k_e, " ")} if surface.k_e.any() else {}

@@ -6,7 +6,6 @@ those of PBR programs (tinyobjloader, Blender). Keys are read in any case of let
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core.words import listing
+from ..io.obj_files import COMMENT
 from ..io.parsing import NUMBER, number, numbers, short
 from ..model.lobes import Blinn
 from ..model.materials import INDEX, Material
@@ -23,7 +23,7 @@ from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, tog
 from .lobe_refits import with_lobe
 from .metallic_roughness import classic, metal_of, surface_of, what_of
 from .names import original, words
-from .readings import Reading
+from .readings import Reading, first_of
 
 MAX_N_S = 1000.0  # as the format has it
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
@@ -54,7 +54,6 @@ BY_DIFFSHADE = comment((), "#").strip()
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
 ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
-_COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 
 
 def write_mtl(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
@@ -96,7 +95,7 @@ def read_mtl(text: str, where: str) -> Reading:
     rows: dict[str, list[str]] | None = None
     before: list[str] = []
     for line in text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
-        key, _, rest = _COMMENT.split(line, 1)[0].strip().replace("\t", " ").partition(" ")
+        key, _, rest = COMMENT.split(line, 1)[0].strip().replace("\t", " ").partition(" ")
         if key.lower() == "newmtl":
             name = rest.strip() or "material"
             if not rest.strip():
@@ -113,7 +112,7 @@ def read_mtl(text: str, where: str) -> Reading:
     if not found:
         raise ValueError(f"{where} has no newmtl line, hence no material. Give an MTL file.")
     if before:
-        reading.note("", f"what stands before the first newmtl line is not read: {_some(before)}.")
+        reading.note("", f"what stands before the first newmtl line is not read: {first_of(before)}.")
     idle = _idle_ambient(text.lstrip("\ufeff \r\n"), found)
     for name, rows in found.items():
         if idle and _is_white(rows, "Ka"):
@@ -147,11 +146,6 @@ def _has(rows: Mapping[str, list[str]], key: str) -> bool:
 
 def _is_white(rows: Mapping[str, list[str]], key: str) -> bool:
     return key in rows and ONE.issuperset(rows[key])
-
-
-def _some(keys: list[str]) -> str:
-    names = [short(key) for key in dict.fromkeys(keys)]
-    return listing(names[:8]) + (" and more" if len(names) > 8 else "")
 
 
 def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Material:
@@ -298,4 +292,4 @@ def _note_the_rest(rows: Mapping[str, list[str]], name: str, reading: Reading) -
         reading.note(name, f"{listing(physical)} describe the surface for PBR programs; Ks and Ns are read instead.")
     unknown = [key for key in rows if key not in (*READ, *UNUSED, *maps)]
     if unknown:
-        reading.note(name, f"unknown keys are not read: {_some(unknown)}.")
+        reading.note(name, f"unknown keys are not read: {first_of(unknown)}.")

@@ -6,7 +6,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable
 
-from ..core.words import MAX_LETTERS
+from ..core.words import MAX_LETTERS, unused
 
 # Words of POV-Ray and JavaScript that a material could be named, and that their languages reserve.
 RESERVED = re.compile(
@@ -63,14 +63,9 @@ def original(name: str, written: str) -> list[str]:
 def _distinct(names: Iterable[str], change: Callable[[str], str]) -> dict[str, str]:
     """Change names to others, each of them once; names that need no change keep theirs."""
     found = {name: name for name in names if change(name) == name}
-    taken, last = set(found), dict[str, int]()
+    taken = set(found)
     for name in names:
-        if name in found:
-            continue
-        base = word = change(name)
-        while word in taken:
-            last[base] = last.get(base, 1) + 1
-            word = f"{base}_{last[base]}"
-        found[name] = word
-        taken.add(word)
+        if name not in found:
+            found[name] = unused(change(name), taken)
+            taken.add(found[name])
     return {name: found[name] for name in names}

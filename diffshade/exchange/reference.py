@@ -34,7 +34,7 @@ Radiance = Float[np.ndarray, "n 3"]
 
 
 class Reference(NamedTuple):
-    """Points of the reference: unit normals and unit directions to the light; the viewer is in direction (0, 0, 1)."""
+    """Points of a surface: unit normals and unit directions to the light; the viewer is in direction (0, 0, 1)."""
 
     n: Normals
     l: Normals
@@ -47,7 +47,7 @@ class Reference(NamedTuple):
     @property
     def n_v(self) -> Cosines:
         """n . v"""
-        return self.n[:, 2]
+        return self.n[..., 2]
 
     @property
     def h(self) -> Normals:
@@ -63,7 +63,7 @@ class Reference(NamedTuple):
     @property
     def v_h(self) -> Cosines:
         """v . h"""
-        return self.h[:, 2]
+        return self.h[..., 2]
 
     def highlights(self, lobe: AbstractPowerLobe) -> Callable[[float], Cosines]:
         """Return the highlights of k_s = 1 as a function of n_s (E5, E6)."""

@@ -19,6 +19,7 @@ from .carried_pictures import into_three, notes_on_base
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated, together
 from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, check_plain, is_matte, named
+from .metallic_roughness import Colour3
 from .names import identifiers, original
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of
 
@@ -39,8 +40,10 @@ def highlights(points: Reference) -> Shape:
     return Shape(lambda n: lobe(points, n) * (1 - grazing), N_S_RANGE, 1.0, lambda n: lobe(points, n) * grazing)
 
 
-def _fitted(material: Material, lights: Any, *, bytes_: bool) -> tuple[dict[str, Any], Draft]:
-    """Return the settings of a MeshPhongMaterial or MeshLambertMaterial, and its error and notes."""
+def _fitted(
+    material: Material, lights: Any, *, bytes_: bool
+) -> tuple[str, dict[str, Colour3], dict[str, float], Draft]:
+    """Return MeshPhongMaterial or MeshLambertMaterial, its colours and its numbers, and its error and notes."""
     check_plain(material)
     points = reference_of(material)
     target, k_d = radiance(material, points), np.asarray(material.k_d)
@@ -65,29 +68,26 @@ def _fitted(material: Material, lights: Any, *, bytes_: bool) -> tuple[dict[str,
         *notes_on_lights(lights, "three.js"),
     ]
     colours = {"color": colour, "emissive": emissive} | ({} if matte else {"specular": specular})
-    settings = {"colours": colours, "shininess": {} if matte else {"shininess": n_s}, "strength": strength}
-    return settings | {"type": kind, "opacity": opacity(material)}, Draft("", rms, largest, tuple(notes))
+    numbers = ({} if matte else {"shininess": n_s}) | {"opacity": opacity(material)}
+    return kind, colours, numbers, Draft("", rms, largest, tuple(notes))
 
 
 def write_json(materials: Mapping[str, Material], lights: Any, bases: Mapping[str, BaseColour] | None = None) -> Draft:
     """Return the JSON of one material that THREE.MaterialLoader reads, or of several as in a scene's JSON."""
     drafts, tables = {}, []
     for name, material in materials.items():
-        settings, draft = _fitted(material, lights, bytes_=True)
-        on_base = notes_on_base((bases or {}).get(name), settings["type"], turns=False, mirrors=True, metals=False)
+        kind, colours, numbers, draft = _fitted(material, lights, bytes_=True)
+        on_base = notes_on_base((bases or {}).get(name), kind, turns=False, mirrors=True, metals=False)
         drafts[name] = draft._replace(notes=(*draft.notes, *on_base))
-        colours, strength = settings["colours"], settings["strength"]
+        strength = max(1.0, float(colours["emissive"].max()))
         table = {
             "uuid": name,
-            "type": settings["type"],
+            "type": kind,
             "name": name,
-            "color": to_hex(colours["color"]),
-            "emissive": to_hex(colours["emissive"] / strength),
+            **{key: to_hex(k / strength if key == "emissive" else k) for key, k in colours.items()},
             "emissiveIntensity": strength,
-            **({"specular": to_hex(colours["specular"])} if "specular" in colours else {}),
-            **settings["shininess"],
-            "opacity": settings["opacity"],
-            "transparent": settings["opacity"] < 1,
+            **numbers,
+            "transparent": numbers["opacity"] < 1,
             "userData": {"diffshade": drafts[name].notes},
         }
         tables.append(table)
@@ -111,17 +111,15 @@ def write_js(materials: Mapping[str, Material], lights: Any) -> Draft:
     """Return a JavaScript module that exports the materials."""
     drafts, named_ = {}, identifiers(materials)
     for name, material in materials.items():
-        settings, draft = _fitted(material, lights, bytes_=False)
+        kind, colours, numbers, draft = _fitted(material, lights, bytes_=False)
         rows = [
             f"  {key}: new THREE.Color().setRGB({plain(colour)}, THREE.LinearSRGBColorSpace),"
-            for key, colour in settings["colours"].items()
+            for key, colour in colours.items()
         ]
-        rows += [
-            f"  {key}: {value!r}," for key, value in {**settings["shininess"], "opacity": settings["opacity"]}.items()
-        ]
-        rows.append(f"  transparent: {'true' if settings['opacity'] < 1 else 'false'},")
+        rows += [f"  {key}: {value!r}," for key, value in numbers.items()]
+        rows.append(f"  transparent: {'true' if numbers['opacity'] < 1 else 'false'},")
         notes = (*original(name, named_[name]), *draft.notes)
-        opening = f"export const {named_[name]} = new THREE.{settings['type']}({{"
+        opening = f"export const {named_[name]} = new THREE.{kind}({{"
         body = "\n".join([comment(notes, "//"), opening, *rows, "});\n"])
         drafts[name] = draft._replace(text=body, notes=notes)
     draft = together(drafts, "\n")

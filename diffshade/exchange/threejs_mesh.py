@@ -36,7 +36,7 @@ from .map_textures import (
     uv_from_below,
     write_pictures,
 )
-from .reference import joined, radiance, reference_of
+from .reference import Reference, joined, radiance, reference_of
 from .threejs import fresnel, lobe
 
 # three.js's constants: stretched by the mesh's UV, clamped at the edges, linear, and by MIP maps where it is small
@@ -76,12 +76,10 @@ def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     normal, c, k_e = surface.normals_of(back["normalMap"]), from_hex(specular), from_hex(to_hex(surface.k_e / glow))
 
     def shade(l: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w 3"]:
-        h = l + np.array([0.0, 0.0, 1.0])
-        h /= np.linalg.norm(h)
-        n_l, n_h, grazing = np.maximum(normal @ l, 0.0), np.maximum(normal @ h, 0.0), fresnel(h[2:])
-        highlight = 0.25 * (n_s / 2 + 1) * n_h**n_s
+        points = Reference(normal, l)
+        grazing = fresnel(points.v_h)
         weight = back["specularMap"] * (c * (1.0 - grazing) + grazing)
-        return n_l[..., None] * (back["map"] + weight * highlight[..., None]) + glow * k_e
+        return points.n_l[..., None] * back["map"] + weight * lobe(points, n_s)[..., None] + glow * k_e
 
     return Textures(pictures, material, difference(maps, surface, shade))
 

@@ -27,7 +27,6 @@ from .image_headers import (
     NPY_HEADER,
     UnsupportedError,
     check_exr,
-    check_netpbm,
     check_pixels,
     check_png,
     check_tiff,
@@ -118,9 +117,7 @@ def _decode_npy(path: Path, data: bytes) -> np.ndarray:
 
 
 def _decode_netpbm(path: Path, data: bytes) -> np.ndarray:
-    header = netpbm_header(data[:NETPBM_HEADER])
-    check_netpbm(header, len(data))
-    kind, width, height, maximum, start = header
+    kind, width, height, maximum, start = netpbm_header(data[:NETPBM_HEADER])
     if kind in (b"P1", b"P4"):  # a bit a pixel
         return _decode_with_pillow("PPM", path, data)
     shape = (height, width, 3 if kind in (b"P3", b"P6") else 1)
@@ -136,9 +133,7 @@ def _decode_netpbm(path: Path, data: bytes) -> np.ndarray:
 
 
 def _decode_pfm(path: Path, data: bytes) -> np.ndarray:
-    header = netpbm_header(data[:NETPBM_HEADER])
-    check_netpbm(header, len(data))
-    kind, width, height, factor, start = header
+    kind, width, height, factor, start = netpbm_header(data[:NETPBM_HEADER])
     shape = (height, width, {b"PF": 3, b"Pf": 1}[kind])
     stored = np.frombuffer(data, "<f4" if factor < 0 else ">f4", math.prod(shape), start).reshape(shape)
     return stored[::-1].astype(np.float32) * np.float32(abs(factor))  # the last row is stored first

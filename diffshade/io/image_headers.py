@@ -226,15 +226,6 @@ def netpbm_header(data: bytes) -> Netpbm:
     return header
 
 
-def check_netpbm(header: Netpbm, stored: int) -> None:
-    """Raise if a PPM, PGM or PFM of so many bytes is too short for its pixels."""
-    kind, width, height, maximum, end = header
-    size = {b"P4": 0.125, b"PF": 4, b"Pf": 4}.get(kind, 2 if maximum > 255 and kind in (b"P5", b"P6") else 1)
-    bytes_needed = width * height * (3 if kind in (b"P3", b"P6", b"PF") else 1) * size
-    if not 0 < bytes_needed <= stored - end + 1:  # no space need follow the last number of a text
-        raise ValueError
-
-
 class Radiance(NamedTuple):
     """The header of a Radiance picture."""
 

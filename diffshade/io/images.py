@@ -65,10 +65,11 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
         ImportError: The package that reads such a file is not installed.
     """
     path = Path(path)
-    image, taken = load_image(path, srgb=srgb)
+    stored = load_stored(path)
+    taken = numbers_read_as(path, stored.dtype, srgb)
     if srgb is None and (unused := taken.statement.unused):
         _LOGGER.warning("%s states %s, which is not used: it is read as %s.", path, unused, taken.encoding.name)
-    return image
+    return as_radiance(path, stored, taken.encoding)
 
 
 class ReadAs(NamedTuple):
@@ -110,33 +111,29 @@ def numbers_read_as(path: Path, dtype: np.dtype, srgb: bool | None, kind: str = 
     return ReadAs(kind, given, usual, statement)
 
 
-def load_image(
-    path: Path, *, srgb: bool | None, orientation: int | None = None, clipped: bool = False
-) -> tuple[Float64[np.ndarray, "h w c"], ReadAs]:
-    """Read an image without a warning, and return what it was taken for.
+def load_stored(path: Path, *, orientation: int | None = None) -> Shaped[np.ndarray, "h w c"]:
+    """Read the numbers of an image as they are stored, without a warning.
 
     Args:
         path: The image file.
-        srgb: As for `read_image`.
         orientation: How the stored picture is turned, as EXIF numbers it; None: as the file states.
-        clipped: Whether a pixel with a colour at the end of its range becomes 1 in all colours where the primaries
-            change: each then depends on the one that is not known.
     """
-    stored = load_stored(path, orientation=orientation)
-    taken = numbers_read_as(path, stored.dtype, srgb)
-    return as_radiance(path, stored, taken.encoding, clipped=clipped), taken
-
-
-def load_stored(path: Path, *, orientation: int | None = None) -> Shaped[np.ndarray, "h w c"]:
-    """Read the numbers of an image as they are stored, upright as `load_image` has it."""
     stored = _read(path)  # before what it states, for a file that is damaged is said to be so
     return _upright(path, stored, statement_of(path).orientation, orientation)
 
 
 def as_radiance(
-    path: Path, stored: Shaped[np.ndarray, "h w c"], encoding: Encoding, *, clipped: bool
+    path: Path, stored: Shaped[np.ndarray, "h w c"], encoding: Encoding, *, clipped: bool = False
 ) -> Float64[np.ndarray, "h w c"]:
-    """Return stored numbers, all or some rows of them, as `load_image` does."""
+    """Return stored numbers, all or some rows of them, as linear radiance.
+
+    Args:
+        path: The image file.
+        stored: The numbers.
+        encoding: What they are taken for.
+        clipped: Whether a pixel with a colour at the end of its range becomes 1 in all colours where the primaries
+            change: each then depends on the one that is not known.
+    """
     if stored.dtype == np.uint8 and len(encoding.curves) == 1 and encoding.to_srgb is None and not _has_alpha(stored):
         levels = np.arange(256, dtype=np.uint8)[:, None, None]
         return decoded(as_fractions(path, levels), stored.dtype, encoding)[:, 0, 0][stored]

@@ -166,12 +166,13 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
 def hold_image(path: Path, *, srgb: bool | None, orientation: int | None = None) -> HeldImage:
     """Read an image, and hold it as it is stored.
 
-    Integers then take an eighth or a quarter of the memory of `load_image`, whose numbers these are (clipped=True).
+    Integers then take an eighth or a quarter of the memory of `read_image`, whose numbers these are, but that a pixel
+    with a colour at the end of its range is 1 in all colours where the primaries change.
 
     Args:
         path: The image file.
         srgb: As for `read_image`.
-        orientation: As for `load_image`.
+        orientation: As for `load_stored`.
     """
     stored = np.ascontiguousarray(load_stored(path, orientation=orientation))
     encoding = numbers_read_as(path, stored.dtype, srgb).encoding

@@ -7,16 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, overload
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.backend import in_float64
-from ..core.fields import Array, check_kind
-from ..model.cameras import AbstractCamera, Camera
+from ..core.fields import check_kind
+from ..model.cameras import AbstractCamera, Camera, rays_through
 from ..model.gbuffers import GBuffer
 from ..model.meshes import Mesh
-from ..model.rendering import pixel_rays
 from .mesh_reading import MeshSurface, read_surface
 from .polygons import BARE
 from .triangles import Hits, Triangles, tracer
@@ -177,8 +174,7 @@ def _seen(surface: MeshSurface, smooth: bool, shows: Shows | None = None) -> Cal
     looks = np.broadcast_to(BARE, corner.shape[:2] + BARE.shape) if surface.look is None else surface.look
 
     def seen_by(camera: AbstractCamera) -> SeenPart:
-        with in_float64(camera) as camera:
-            start, toward = (np.asarray(a) for a in _rays(camera))
+        start, toward = rays_through(camera, *(of.ravel() + 0.5 for of in np.indices(camera.shape)))
         hits = hits_of(start - centre, toward)
         look = None
         if surface.look is not None or shows is not None:
@@ -206,10 +202,3 @@ def _seen(surface: MeshSurface, smooth: bool, shows: Shows | None = None) -> Cal
         return SeenPart(GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape)), of_pixels)
 
     return seen_by
-
-
-@jax.jit
-def _rays(camera: AbstractCamera) -> tuple[Float[Array, "rays 3"], Float[Array, "rays 3"]]:
-    """Return the origins and directions of the rays of a camera's pixels."""
-    rays = pixel_rays(camera.projection(), camera.shape)
-    return rays.origin.stack().reshape(-1, 3), rays.direction.stack().reshape(-1, 3)

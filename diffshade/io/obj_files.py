@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .parsing import number, read_text, short
 from .polygons import BARE, NONE, Polygons, check_corners, stated
@@ -29,9 +29,7 @@ def read_obj(path: Path) -> Polygons:
     normals: list[list[float]] = []
     places: list[list[float]] = []
     size: list[int] = []
-    at: list[int] = []
-    of_normal: list[int] = []
-    of_place: list[int] = []
+    corners: list[int] = []  # its point, its place and its normal
     groups: list[int] = []
     parts: list[int] = []
     names: dict[str, int] = {}
@@ -48,12 +46,10 @@ def read_obj(path: Path) -> Polygons:
             places.append([_coordinate(word, f"{path}: vt") for word in [*words, "0", "0"][:2]])
         elif key in ("f", "fo"):  # as the format was at first
             for word in words:
-                index = word.split("/")
-                at.append(_index(index[0], len(points), line, path))
-                given = len(index) > 2 and index[2]
-                of_normal.append(_index(index[2], len(normals), line, path) if given else NONE)
-                given = len(index) > 1 and index[1]
-                of_place.append(_index(index[1], len(places), line, path) if given else NONE)
+                point, *others = word.split("/")[:3]
+                given = zip([*others, "", ""], (places, normals), strict=False)
+                more = [_index(of, len(kind), line, path) if of else NONE for of, kind in given]
+                corners += [_index(point, len(points), line, path), *more]
             size.append(len(words))
             groups.append(group)
             parts.append(names.setdefault(name, len(names)))
@@ -62,15 +58,15 @@ def read_obj(path: Path) -> Polygons:
         elif key == "s":
             words = [word.lower() for word in words]
             group = NONE if words in FLAT else smooth.setdefault(words[0], 1 + len(smooth))
-    check_corners(np.array(at, int), len(points), f"{path}")
+    at, of_place, of_normal = np.array(corners, int).reshape(-1, 3).T
+    check_corners(at, len(points), f"{path}")
     known = stated(np.array([*normals, [0.0] * 3]))  # 0 for one that is missing,
     known = np.append(known, [[np.nan] * 3], axis=0)  # NaN where a face names none
-    of_normal = [k if k == NONE else min(k, len(normals)) for k in of_normal]
     return Polygons(
         np.array(points).reshape(-1, 3),
         np.array(size, int),
-        np.array(at, int),
-        known[np.array(of_normal, int)],
+        at,
+        known[np.minimum(of_normal, len(normals))],
         np.array(groups, int),
         np.array(parts, int),
         tuple(names) or ("",),
@@ -78,10 +74,9 @@ def read_obj(path: Path) -> Polygons:
     )
 
 
-def _looks(places: list[list[float]], of_place: list[int]) -> Float[np.ndarray, "corners 6"]:
+def _looks(places: list[list[float]], at: Int[np.ndarray, " corners"]) -> Float[np.ndarray, "corners 6"]:
     """Return the look of each corner, by the place in the picture that it names."""
-    look = np.tile(BARE, (len(of_place), 1))
-    at = np.array(of_place, int)
+    look = np.tile(BARE, (len(at), 1))
     named = (at >= 0) & (at < len(places))
     look[named, :2] = np.array(places)[at[named]] * (1.0, -1.0) + (0.0, 1.0)  # v of an OBJ is up
     return look

@@ -60,7 +60,7 @@ def read_ply(path: Path) -> Polygons:
     found = dict[str, Columns]()
     for element in elements:
         try:
-            columns = _equal_rows(element, body, place, order) or _rows(element, body, place, order)
+            columns = _rows(element, body, place, order)
         except (ValueError, OverflowError):
             raise ValueError(
                 f"{path} does not hold the {element.rows} rows of its element {element.name}. Export it again."
@@ -113,47 +113,32 @@ def _numbers(body: bytes, path: Path) -> Float[np.ndarray, " n"]:
         raise ValueError(f"{path} has a word where a number must be: {error}. Export it again.") from None
 
 
-def _equal_rows(element: Element, data: bytes, place: int, order: str) -> Columns | None:
-    """Return the rows of an element as one table; None where the lists of one row are longer than those of another."""
-    fields, lengths = list[tuple[Any, ...]](), dict[str, int]()
-    for name, (length, item) in element.properties.items():
-        if length and element.rows:
-            at = place + np.dtype(fields).itemsize
-            lengths[name] = int(np.frombuffer(data, order + length, 1, at)[0])
-            fields.append((f"length of {name}", order + length))
-        fields.append((name, order + item, (lengths.get(name, 1),)))
-    kind = np.dtype(fields)
-    if not kind.itemsize or place + element.rows * kind.itemsize > len(data):
-        return None
-    table = np.frombuffer(data, kind, element.rows, place)
-    lists = {name: table[f"length of {name}"] for name in lengths}
-    if any((lists[name] != length).any() for name, length in lengths.items()):
-        return None
-    items = {name: table[name].ravel() for name in element.properties}
-    return Columns(items, lists, place + element.rows * kind.itemsize)
-
-
 def _rows(element: Element, data: bytes, place: int, order: str) -> Columns:
-    """Return the rows of an element, one after another."""
-    kinds = {
-        name: (np.dtype(order + length) if length else None, np.dtype(order + item))
-        for name, (length, item) in element.properties.items()
-    }
-    items: dict[str, list[np.ndarray]] = {name: [np.zeros(0, item)] for name, (_, item) in kinds.items()}
-    lengths: dict[str, list[int]] = {name: [] for name, (length, _) in kinds.items() if length}
-    for _ in range(element.rows if kinds else 0):
-        for name, (length, item) in kinds.items():
-            many = 1
-            if length is not None:
-                many = int(np.frombuffer(data, length, 1, place)[0])
-                place += length.itemsize
-                lengths[name].append(many)
-            if many < 0:
-                raise ValueError("a list has no negative length")
-            items[name].append(np.frombuffer(data, item, many, place))
-            place += many * item.itemsize
-    return Columns(
-        {name: np.concatenate(of) for name, of in items.items()},
-        {name: np.array(of, int) for name, of in lengths.items()},
-        place,
-    )
+    """Return the rows of an element: those that follow each other with lists of the same lengths as one table."""
+    lists = [name for name, (length, _) in element.properties.items() if length]
+    tables, rows, most = list[Any](), element.rows if element.properties else 0, element.rows
+    while rows:
+        kind, sizes = _layout(element, data, place, order)
+        table: Any = np.frombuffer(data, kind, min(rows, most, (len(data) - place) // kind.itemsize), place)
+        if not len(table):
+            raise ValueError("the file ends early")
+        alike = np.logical_and.reduce([table[f"length of {name}"] == sizes[name] for name in lists] or [True])
+        count = len(table) if alike.all() else int(alike.argmin())
+        most = 2 * count  # so that a change of lengths every few rows is found among a few rows
+        tables.append(table[:count])
+        rows, place = rows - count, place + count * kind.itemsize
+    items = {name: [np.zeros(0), *(table[name].ravel() for table in tables)] for name in element.properties}
+    lengths = {name: [np.zeros(0), *(table[f"length of {name}"] for table in tables)] for name in lists}
+    columns, long = ({name: np.concatenate(of) for name, of in found.items()} for found in (items, lengths))
+    return Columns(columns, long, place)
+
+
+def _layout(element: Element, data: bytes, place: int, order: str) -> tuple[np.dtype, dict[str, int]]:
+    """Return the type of a row whose lists are as long as those of the row at this place, and their lengths."""
+    fields, sizes = list[tuple[Any, ...]](), dict[str, int]()
+    for name, (length, item) in element.properties.items():
+        if length:
+            sizes[name] = int(np.frombuffer(data, order + length, 1, place + np.dtype(fields).itemsize)[0])
+            fields.append((f"length of {name}", order + length))
+        fields.append((name, order + item, (sizes.get(name, 1),)))
+    return np.dtype(fields), sizes

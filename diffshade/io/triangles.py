@@ -76,11 +76,6 @@ def simplified(mesh: Triangles, count: int) -> Triangles:
     return Triangles(np.asarray(found[0], np.float64), np.asarray(found[1], np.int64)).used()[0]
 
 
-def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
-    """Return where rays first meet a mesh, as `tracer` does."""
-    return tracer(mesh)(start, toward)
-
-
 def tracer(mesh: Triangles, *, every: bool = False) -> Callable[[Points, Points], Hits]:
     """Return what tells where rays, of these origins and directions, first meet a mesh, by Embree in float32.
 

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..core.backend import in_float64
+from ..core.backend import in_float64, jit_quickly
 from ..core.fields import (
     Array,
     Checked,
@@ -280,9 +279,49 @@ def camera_axes(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3"], ...]:
         return tuple(np.asarray(axis) for axis in _stacked_axes(seen_by))
 
 
-@jax.jit
+def affine_rays(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
+    """Return the matrices that take (column, row, 1), pixel centres at +.5, to a ray's origin and its direction."""
+    with in_float64(camera) as seen_by:
+        origin, direction = _stacked_rays(seen_by)
+    return np.array(origin), np.array(direction)
+
+
+def rays_through(
+    camera: AbstractCamera, row: Float[np.ndarray, " n"], column: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Return the origins and unit directions of rays through rows and columns, pixel centres at +.5."""
+    place = np.stack([column, row, np.ones_like(row)], -1)
+    origin, direction = (place @ of for of in affine_rays(camera))
+    return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+
+def pixel_matrix(camera: AbstractCamera) -> Float[np.ndarray, "3 4"]:
+    """Return the matrix that takes (x, y, z, 1) to (column w, row w, w), pixel centres at +.5."""
+    origin, direction = affine_rays(camera)
+    across = np.linalg.inv(np.stack([*(origin + direction)[:2], direction[2]]).T)  # one of the two depends on the pixel
+    matrix = np.column_stack([across, -across @ origin[2]])
+    if not direction[:2].any():
+        matrix[2] = (0.0, 0.0, 0.0, 1.0)
+    return matrix
+
+
+def pixels_of(points: Float[np.ndarray, "n 3"], camera: AbstractCamera) -> Float[np.ndarray, "n 2"]:
+    """Return column and row of points in the image of a camera, pixel centres at +.5."""
+    found = np.column_stack([points, np.ones(len(points))]) @ pixel_matrix(camera).T
+    return found[:, :2] / found[:, 2:]
+
+
+@jit_quickly
 def _stacked_axes(camera: AbstractCamera) -> tuple[Array, ...]:
     return tuple(axis.stack() for axis in axes(camera))
+
+
+@jit_quickly
+def _stacked_rays(camera: AbstractCamera) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    of = camera.projection()
+    origin = of.origin_column, of.origin_row, of.origin
+    direction = of.direction_column, of.direction_row, of.direction
+    return tuple(v.stack() for v in origin), tuple(v.stack() for v in direction)
 
 
 def check_intrinsics(K: Any) -> None:

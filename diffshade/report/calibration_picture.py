@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..calibration.balls import axes as axes_of
 from ..core.extras import needing
 from ..io.encodings import brightened
 from ..model.cameras import OrthographicCamera
@@ -81,7 +80,7 @@ def _outline(axes: Any, found: Calibration, which: str) -> None:
 
 def _seen(found: Calibration) -> np.ndarray:
     """Return the directions to the lights along the camera's right, up and backward axes."""
-    return found.directions @ axes_of(found.balls[0].projection).T
+    return found.directions @ found.balls[0].axes.T
 
 
 def _number(axes: Any, i: int, x: float, y: float, **drawn: Any) -> None:

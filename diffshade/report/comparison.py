@@ -14,6 +14,7 @@ from ..inverse.result import Fit, Prediction
 from ..io.encodings import srgb_encode
 from .drawn_bands import drawn_bands
 from .figures import DPI
+from .page.checks import check_titles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,8 +44,7 @@ def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[
         import matplotlib.figure
     views = (views,) if isinstance(views, View) else tuple(views)
     titles = titles or [f"view {i}" for i in range(len(views))]
-    if len(titles) != len(views):
-        raise ValueError(f"titles must be one for each of {len(views)} views; got {len(titles)}. Leave them out.")
+    check_titles(titles, len(views), "the")
     predictions = [fit.predict(view) for view in views]
     drawn = drawn_bands(fit.scene.bands)
     white = max(map(drawn.white, predictions)) or 1.0

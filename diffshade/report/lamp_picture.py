@@ -63,6 +63,11 @@ def light_on_plane(lamp: MeasuredLight, distance: float, count: int = PIXELS) ->
     return PlaneLight(along, light)
 
 
+def unit_of_light(unit: str) -> str:
+    """Return the unit of light on a plane for one of intensity."""
+    return "lux" if unit == "cd" else f"{unit.removesuffix('/sr')} per unit of area"
+
+
 def draw_lamp(lamp: MeasuredLight, *, distance: float = 3.0) -> Figure:
     """Draw a lamp: its intensity over angle, its summary, and the light on a plane across its axis.
 
@@ -116,7 +121,6 @@ def _polar(axes: Any, lamp: MeasuredLight) -> None:
 
 
 def _plane(figure: Any, axes: Any, shown: PlaneLight, distance: float, unit: str) -> None:
-    name = "lux" if unit == "cd" else f"{unit.removesuffix('/sr')} per unit of area"
     ends = (shown.across[0], shown.across[-1]) * 2
     top = float(shown.light.max())
     image = axes.imshow(shown.light, cmap="inferno", extent=ends, vmax=top or 1.0)
@@ -124,7 +128,7 @@ def _plane(figure: Any, axes: Any, shown: PlaneLight, distance: float, unit: str
     if levels:
         lines = axes.contour(shown.across, shown.across[::-1], shown.light, levels, colors="white", linewidths=0.7)
         axes.clabel(lines, fmt="%g", fontsize=7)
-    figure.colorbar(image, ax=axes, shrink=0.8, label=name)
+    figure.colorbar(image, ax=axes, shrink=0.8, label=unit_of_light(unit))
     side = "on a plane behind the lamp, such as a ceiling," if distance < 0 else "on a plane"
     axes.set_title(f"{side} at a distance of {abs(distance):g} {'m' if unit == 'cd' else 'units'}", fontsize=9)
     axes.set_xlabel("along C0", fontsize=8)

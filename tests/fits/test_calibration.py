@@ -229,7 +229,7 @@ def test_a_folder_of_photographs_and_what_is_written_of_it(tmp_path):
     np.testing.assert_array_equal([-l.direction for l in back.lights], found.directions)  # pyright: ignore
     assert ds.read_camera(tmp_path / "out" / "scene.toml").shape == SHAPE
     assert "shot8.png" in str(found)
-    assert found.compare(found).angles.max() == 0.0
+    assert found.compare(found).angles.max() < 1e-12
 
 
 def test_images_that_pass_1_and_cameras_near_by_are_written_too(tmp_path):
@@ -358,9 +358,9 @@ def test_folders_that_cannot_be(tmp_path):
 
 def test_lists_that_cannot_be_compared(tmp_path):
     found = ds.lights.calibrate(IMAGE * 0.9, ball="matte", mask=MASK)
-    with pytest.raises(ValueError, match=r"one unit vector for each of the 1 photographs; got shape \(4, 3\)"):
+    with pytest.raises(ValueError, match=r"one vector for each of the 1 photographs; got shape \(4, 3\)"):
         found.compare(DIRECTIONS)
-    with pytest.raises(FileNotFoundError, match=r"there is no file .*no\.txt\. Give a text file"):
+    with pytest.raises(FileNotFoundError, match=r"there is no list of lights .*no\.txt\. Give"):
         found.compare(Path("no.txt"))
     (tmp_path / "list.txt").write_text("1\n0 0\n")
     with pytest.raises(ValueError, match=r"list\.txt must hold three numbers per line"):

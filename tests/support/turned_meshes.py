@@ -8,7 +8,7 @@ import numpy as np
 from reliefs import AXIS, Relief
 
 import diffshade as ds
-from diffshade.io.triangles import Triangles, first_hits
+from diffshade.io.triangles import Triangles, tracer
 
 
 class Coverage(NamedTuple):
@@ -44,7 +44,7 @@ def coverage(mesh: ds.heights.HeightMesh, truth: Triangles, *, degrees: float = 
         toward = np.array([np.sin(t[0]), np.sin(t[1]), np.cos(t).prod()])
         right = np.array([toward[2], 0.0, -toward[0]]) / np.hypot(toward[0], toward[2])
         start = across[:, None] * right + up[:, None] * np.cross(toward, right) + 8.0 * toward
-        hits = first_hits(of, start, np.broadcast_to(-toward, start.shape))
+        hits = tracer(of)(start, np.broadcast_to(-toward, start.shape))
         met, height = np.zeros(len(start), bool), np.zeros(len(start))
         met[hits.ray], height[hits.ray] = True, hits.point @ toward
         return met, height

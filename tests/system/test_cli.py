@@ -604,7 +604,7 @@ BAD = {
     "lights for other photographs": (["fit", "ball.toml", "0.exr", "--lit", "0,1"], "each of the 1 photographs; got 2"),
     "a folder and photographs": (["fit", "photographs", "0.exr"], "PHOTOS cannot be combined with a folder"),
     "a folder and lights": (["fit", "photographs", "--lit", "0"], "--lit cannot be combined with a folder"),
-    "lights for a render": (["render", "ball.toml", "--lit", "left"], "indices of lights, from 0; got 'left'"),
+    "lights for a render": (["render", "ball.toml", "--lit", "left"], "lights must be indices from 0; got 'left'"),
     "a scene for a scene": (["new", "ball.toml"], "ball.toml exists already"),
     "a scene that is no scene": (["new", "ball.png"], "has the suffix '.png'"),
     "a model that there is not": (["compare", "photographs", "--model", "fong,matte"], "no model is named 'fong'"),
@@ -618,7 +618,7 @@ BAD = {
     ),
     "a list that is missing": (
         ["calibrate", "photographs", "--ball", "matte", "--directions", "no.txt"],
-        "there is no file no.txt",
+        "there is no list of lights no.txt",
     ),
     "one of several materials": (["convert", "gold.mtl", "gold.c", "gold.foo"], "'.foo'"),
     "a folder for a material": (["convert", "gold.mtl", "gold.c", "nowhere/gold.c"], "no folder"),

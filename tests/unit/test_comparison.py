@@ -46,7 +46,7 @@ def test_the_panels_hold_the_photograph_the_fit_and_their_difference(fitted):
 
 def test_titles_must_match_the_views(fitted):
     fit, view = fitted
-    with pytest.raises(ValueError, match="titles must be one for each of 1 views; got 2"):
+    with pytest.raises(ValueError, match="titles must be one for each of the 1 views; got 2"):
         ds.draw_comparison(fit, view, titles=["a", "b"])
 
 

@@ -239,10 +239,12 @@ def test_optional_arguments_are_keyword_only():
 INNER = {
     "cli": "FIGURES NORMALS SHOWN camera_axes center_of check_figure check_folder check_format check_page "
     "check_suffix draw_mask find_mask identifiers light_on_plane list_folder objects_seen photograph_files printable "
-    "read_directions read_folder read_textured render_once segments_of write_photographs write_textured",
+    "read_directions read_folder read_textured render_once segments_of unit_of_light write_photographs "
+    "write_textured",
     "exchange": "COUNT INDEX OUTSIDE camera_axes check_rgb dome rays_of reflectance",
-    "report": "OUTSIDE STATUS angular_attenuation axes bend developed heights_within is_grey lights_on of_channels "
-    "placed plane reflectance refract relative_error select visible_points wavelength",
+    "report": "OUTSIDE STATUS affine_rays angular_attenuation bend camera_axes developed heights_within is_grey "
+    "lights_on of_channels pixel_matrix placed plane reflectance refract relative_error select visible_points "
+    "wavelength",
 }
 
 

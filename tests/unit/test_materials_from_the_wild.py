@@ -29,7 +29,7 @@ def read(tmp_path, caplog):
 
 
 SAID = {
-    "unknown keys": ("Kx 3\nfoo", "unknown keys are not read: 'Kx' and 'foo'."),
+    "unknown keys": ("Kx 3\nfoo", "unknown keys are not read: 'Kx', 'foo'."),
     "maps": ("map_Kd a.png\nnorm b.png", "texture maps are not read, only colours: 'map_Kd', 'norm'."),
     "classic beside PBR": ("Ks 1 1 1\nNs 9\nPr .5\nPm 0", "Pr and Pm describe the surface for PBR programs; Ks and Ns"),
     "brushing": ("aniso 0.5", "aniso, brushing, is not modelled."),

@@ -70,8 +70,8 @@ def test_a_lamp_of_which_the_highlights_say_nothing_is_as_near_as_the_others():
 
 def test_lamps_around_another_place():
     x, place = dome(2, 16, 10.0, 20.0), np.array([0.3, -0.2, 0.1])
-    lamps = found_from(x, 2, BASELINE).in_units(0.5).seen_from(2.0 * place)
-    exact = np.linalg.norm(2.0 * (x - place), axis=-1)
+    lamps = found_from(x, 2, BASELINE).seen_from(place)
+    exact = np.linalg.norm(x - place, axis=-1)
     scores = (lamps.nearness - 1.0 / exact) / lamps.nearness_errors
     assert np.sqrt(np.mean(scores**2)) < 1.5
     np.testing.assert_allclose(lamps.directions, unit(x - place), atol=0.01)

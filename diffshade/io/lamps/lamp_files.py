@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from ...core.fields import Numbers
+from ...core.fields import Numbers, Vector
 from ...core.words import errors_at
 from ...model.attenuation import RadialAttenuation
 from ...model.measured_lights import MeasuredLight, Profile
@@ -74,15 +75,12 @@ def read_lamp(
     with errors_at(f"{path}"):
         profile = Profile(table.vertical, table.horizontal, table.candela / peak)
         fades = RadialAttenuation(0, 0, 1)
-        return MeasuredLight(position, direction, profile, peak * _at_tilt(factors, direction), fades, side, data.label)
+        lamp = MeasuredLight(position, direction, profile, peak, fades, side, data.label)
+    return lamp if factors is None else replace(lamp, intensity=peak * _at_tilt(factors, lamp.direction))
 
 
-def _at_tilt(tilt: Tilt | None, direction: Numbers) -> float:
+def _at_tilt(tilt: Tilt, direction: Vector) -> float:
     """Return the factor of a lamp whose axis is turned from straight down into a direction."""
-    if tilt is None:
-        return 1.0
-    axis = np.asarray(direction, float)
-    if axis.shape != (3,) or not np.any(axis):  # which MeasuredLight refuses
-        return 1.0
+    axis = np.asarray(direction)
     angle = np.rad2deg(np.arccos(np.clip(-axis[1] / np.linalg.norm(axis), -1.0, 1.0)))
     return float(np.interp(angle, *tilt))

@@ -9,11 +9,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from ...core.fields import Array, as_coefficient, as_colour, is_over_pixels
+from ...core.fields import as_coefficient, as_colour, is_over_pixels
 from ...core.words import listing
 from ...inverse.data.views import lights_on
 from ...inverse.result import Fit
-from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, axes
+from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, affine_rays, camera_axes
 from ...model.fresnel import Dielectric, NoFresnel, Schlick
 from ...model.lights import AbstractEmitter, AbstractLight, DirectionalLight, PointLight, SpotLight
 from ...model.lobes import AbstractLobe, AbstractReflectance, Blinn, Phong
@@ -21,7 +21,6 @@ from ...model.patterns import AbstractPattern
 from ...model.rendering import intersect
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Sphere
-from ...model.vectors import Vec3
 
 SIZE = 640  # pixels on the longer side
 LOBES = (Phong, Blinn)
@@ -80,9 +79,8 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
     """Name the features of a scene that the ball does not show."""
     items = scene.objects
     unknown = [f"lights.{i}" for i, found in enumerate(emitters) if found is None]
-    known = [type(lobe) for lobe in _with_glsl(item.material.lobe for item in items)]
-    lobes = [type(item.material.lobe) for item in items if type(item.material.lobe) not in (*LOBES, *known)]
-    weights = [type(m.fresnel).__name__ for m in (item.material for item in items) if type(m.fresnel) not in FRESNEL]
+    lobes = {type(item.material.lobe).__name__ for item in items if not _draws(item.material.lobe)}
+    weights = {type(item.material.fresnel).__name__ for item in items if type(item.material.fresnel) not in FRESNEL}
     features = (
         (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape (shown as a ball)"),
         (len(items) > 1, "more than one object at a time"),
@@ -90,8 +88,8 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (any(item.material.patterns for item in items), "patterns (shown as the mean of their colours)"),
         (any(item.material.maps for item in items), "coefficients over the pixels (shown as their mean)"),
         (any(item.material.highlights for item in items), "highlights beside the first"),
-        (bool(lobes), f"the lobe {listing(sorted({of.__name__ for of in lobes}))} (shown as Phong's)"),
-        (bool(weights), f"the weight {listing(sorted(set(weights)))} of the highlight (shown as k_s)"),
+        (bool(lobes), f"the lobe {listing(sorted(lobes))} (shown as Phong's)"),
+        (bool(weights), f"the weight {listing(sorted(weights))} of the highlight (shown as k_s)"),
         (scene.shadows, "cast shadows"),
         (scene.atmosphere is not None, "the atmosphere between the object and the eye"),
         (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
@@ -105,8 +103,7 @@ def scene_to_render(fit: Fit) -> Scene | None:
     None where the live ball has all, or where a ball cannot stand for an object.
     """
     materials = [item.material for item in fit.scene.objects]
-    drawn = (*LOBES, *(type(lobe) for lobe in _with_glsl(m.lobe for m in materials)))
-    lacks = any(m.patterns or m.highlights or type(m.lobe) not in drawn for m in materials)
+    lacks = any(m.patterns or m.highlights or not _draws(m.lobe) for m in materials)
     lacks = lacks or any(emitter_rows(light, []) is None for light in fit.scene.lights)
     balls = [_ball(item, fit.views[0].camera) for item in fit.scene.objects]
     found = [(item, of) for item, of in zip(fit.scene.objects, balls, strict=True) if of is not None]
@@ -117,14 +114,15 @@ def scene_to_render(fit: Fit) -> Scene | None:
     return dataclasses.replace(scene, objects=tuple(dataclasses.replace(item, surface=of) for item, of in found))
 
 
-def _with_glsl(lobes: Iterable[AbstractReflectance]) -> list[AbstractLobe]:
-    """Return the lobes that are not the shader's own and say how it draws them."""
-    return [of for of in lobes if isinstance(of, AbstractLobe) and type(of) not in LOBES and of.glsl() is not None]
+def _draws(lobe: AbstractReflectance) -> bool:
+    """Return whether the shader draws a lobe: its own, or one that says how."""
+    return type(lobe) in LOBES or (isinstance(lobe, AbstractLobe) and lobe.glsl() is not None)
 
 
-def own_lobes(lobes: Iterable[AbstractReflectance]) -> list[tuple[str, str]]:
-    """Return the name and the shader's function body of each of these lobes, each once."""
-    return list(dict.fromkeys((type(of).__name__, str(of.glsl())) for of in _with_glsl(lobes)))
+def own_lobes(lobes: Iterable[Any]) -> list[tuple[str, str]]:
+    """Return the name and the shader's function body of each lobe that is not the shader's own, each once."""
+    own = (of for of in lobes if _draws(of) and type(of) not in LOBES)
+    return list(dict.fromkeys((type(of).__name__, of.glsl()) for of in own))
 
 
 def lobe_number(lobe: AbstractReflectance, own: Sequence[tuple[str, str]]) -> int:
@@ -147,8 +145,7 @@ def _ball(item: Object, camera: AbstractCamera) -> Sphere | None:
     if seen.position is None or not np.any(seen.mask):
         return None
     points = np.asarray(seen.position)[np.asarray(seen.mask)]
-    vectors = camera_vectors(camera)
-    radius = 0.5 * min(float(np.ptp(points @ np.asarray(vectors[axis]))) for axis in ("right", "up"))
+    radius = 0.5 * min(float(np.ptp(points @ axis)) for axis in camera_axes(camera)[:2])
     return Sphere(points.mean(0), radius) if radius > 0 else None
 
 
@@ -157,24 +154,21 @@ def _camera(camera: AbstractCamera, ball: Sphere | None) -> dict[str, Any]:
     if ball is None:
         camera = PLAIN
     else:
-        center, vectors = np.asarray(ball.center), camera_vectors(camera)
-        up, backward = (np.asarray(vectors[axis]) for axis in ("up", "backward"))
+        center, (_, up, backward) = np.asarray(ball.center), camera_axes(camera)
         if (np.asarray(camera.eye) - center) @ backward <= 1.001 * float(ball.radius):
             eye = center + 4.0 * float(ball.radius) * backward
             camera = Camera(eye, target=center, up=up, fov=33.0, shape=camera.shape, local_viewer=camera.local_viewer)
     height, width = ball_shape(camera.shape)
     camera = dataclasses.replace(camera, shape=(height, width))
-    numbers = {name: _floats(vector) for name, vector in camera_vectors(camera).items()}
+    vectors = {"eye": camera.eye, **dict(zip(("right", "up", "backward"), camera_axes(camera), strict=True))}
+    numbers = ray_rows(*affine_rays(camera)) | {name: _floats(vector) for name, vector in vectors.items()}
     return {**numbers, "local_viewer": camera.local_viewer, "height": height, "width": width}
 
 
-@jax.jit
-def camera_vectors(camera: AbstractCamera) -> dict[str, Array]:
-    """Return the vectors of a camera's projection, and its axes."""
-    projection = camera.projection()
-    right, up, _ = axes(camera)
-    vectors = {name: of for name, of in vars(projection).items() if isinstance(of, Vec3)}
-    return {name: vector.stack() for name, vector in {**vectors, "right": right, "up": up}.items()}
+def ray_rows(origin: np.ndarray, direction: np.ndarray) -> dict[str, list[float]]:
+    """Return the rows of matrices as of `affine_rays` by the shader's names."""
+    kinds, of = (("origin", origin), ("direction", direction)), ("_column", "_row", "")
+    return {f"{kind}{name}": _floats(row) for kind, rows in kinds for name, row in zip(of, rows, strict=True)}
 
 
 def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from .residuals import Curve, Residuals
 Ticks: TypeAlias = tuple[tuple[float, str], ...]
 Bar: TypeAlias = tuple[float, float, float, float, str]
 Vector: TypeAlias = Shaped[np.ndarray, " n"]
-WIDTH, HEIGHT = 340, 210
+WIDTH, HEIGHT = 340, 210  # as charts.html has them
 LEFT, RIGHT, TOP, BOTTOM = 66, 12, 12, 40
 
 
@@ -45,8 +45,6 @@ class Chart:
     """Positions of vertical lines, and their names."""
     foremost: bool = False
     """Whether it is shown without a click."""
-    width: int = WIDTH
-    height: int = HEIGHT
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,11 @@ def ball_picture(fit: Fit, scene: Scene, white: float) -> str:
     return _uri("png", encode(".png", displayed(image, smaller(camera.shape), white)))
 
 
+def evenly(number: int, most: int) -> list[int]:
+    """Return the indices of a list, or as many of them as are shown, evenly spread."""
+    return sorted({int(i) for i in np.rint(np.linspace(0, number - 1, min(number, most)))}) if number else []
+
+
 def smaller(shape: Sequence[int], most: int = LARGEST) -> tuple[int, int]:
     """Return the height and width of a picture that is shown smaller where its longer side has more pixels."""
     small = min(1.0, most / max(shape[:2]))

@@ -11,6 +11,7 @@ from ...diagnosis.examination import Examination
 from ...inverse.result import Fit
 from ...model.bands import wavelength
 from .charts import Chart, Frame, Ticks, Vector, errors_of_each
+from .pictures import evenly
 
 MOST_NAMES = 4  # below an axis
 
@@ -72,5 +73,4 @@ def _axis(bands: Sequence[str]) -> tuple[str, Vector]:
 
 def _names(frame: Frame, bands: Sequence[str]) -> Ticks:
     """Return the positions and names of a few bands."""
-    shown = np.unique(np.rint(np.linspace(0, len(bands) - 1, min(len(bands), MOST_NAMES))).astype(int))
-    return tuple((frame.across(i), bands[int(i)]) for i in shown)
+    return tuple((frame.across(i), bands[i]) for i in evenly(len(bands), MOST_NAMES))

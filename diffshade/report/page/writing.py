@@ -30,7 +30,7 @@ from .ball import ball_scene, scene_to_render
 from .checks import check_page, check_titles
 from .maps.checks import check_maps
 from .maps.writing import PageForm, PagePhotographs, write_maps_page
-from .pictures import ball_picture, build_gallery
+from .pictures import ball_picture, build_gallery, evenly
 from .residuals import collect_residuals, curve
 from .shaders import shader
 from .spectra import errors_of_bands, spectra
@@ -233,9 +233,7 @@ def _same(fit: Fit, other: Fit | Plan) -> bool:
 def _spread(rmse: Float[np.ndarray, " views"]) -> list[int]:
     """Return the views to show, from the worst fit to the best: all of them, or evenly spaced ranks."""
     order = np.argsort(-np.nan_to_num(rmse), kind="stable")
-    if len(order) > MOST_VIEWS:
-        order = order[np.rint(np.linspace(0, len(order) - 1, MOST_VIEWS)).astype(int)]
-    return [int(i) for i in order]
+    return [int(order[i]) for i in evenly(len(order), MOST_VIEWS)]
 
 
 def _profiles(examination: Examination | None) -> list[charts.Chart]:

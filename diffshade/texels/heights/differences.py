@@ -18,10 +18,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import correlate1d, minimum_filter1d
 
-from ...core.backend import in_float64
 from ...core.robust_scale import RARE, UNIFORM
 from ...core.thresholds import DEGREE, NEGLIGIBLE, SMALL
-from ...model.cameras import AbstractCamera
+from ...model.cameras import AbstractCamera, affine_rays
 from ..robust.neighbours import MISFIT_SIDE
 from .system import HeightGrid
 
@@ -55,15 +54,6 @@ def rays_of(camera: AbstractCamera, *, corners: bool = False) -> TexelRays:
         )
     distance = np.linalg.norm(np.asarray(camera.eye, np.float64) - np.asarray(camera.target, np.float64))
     return TexelRays(place @ origin, -(place @ direction), parallel, float(distance))
-
-
-def affine_rays(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-    """Return the matrices that take (column, row, 1), pixel centres at +.5, to a ray's origin and its direction."""
-    with in_float64(camera) as seen_by:
-        found = seen_by.projection()
-        origin = (found.origin_column, found.origin_row, found.origin)
-        direction = (found.direction_column, found.direction_row, found.direction)
-        return np.array([v.stack() for v in origin]), np.array([v.stack() for v in direction])
 
 
 class Differences(NamedTuple):

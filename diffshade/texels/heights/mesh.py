@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import check_kind
-from ...io.triangles import Triangles, first_hits, simplified
-from ...model.cameras import AbstractCamera, camera_axes
+from ...io.triangles import Triangles, simplified, tracer
+from ...model.cameras import AbstractCamera, camera_axes, pixels_of
 from .corners import corners_of
-from .differences import affine_rays, rays_of
+from .differences import rays_of
 from .map import HeightMap
 from .regions import connected, nearest
 
@@ -146,15 +146,7 @@ def _distance(mesh: Triangles, middle: Float[np.ndarray, "pixels 3"], heights: H
     from scipy.spatial import KDTree
 
     start = rays_of(heights.camera).start[heights.mask]
-    hits = first_hits(mesh, start, middle - start)
+    hits = tracer(mesh)(start, middle - start)
     across = ((hits.point - middle[hits.ray]) * heights.normal[heights.mask][hits.ray]).sum(-1)
     nearest = KDTree(mesh.corner).query(np.delete(middle, hits.ray, 0))[0]
     return float(max(np.abs(across).max(initial=0.0), nearest.max(initial=0.0)))
-
-
-def pixels_of(points: Float[np.ndarray, "n 3"], camera: AbstractCamera) -> Float[np.ndarray, "n 2"]:
-    """Return column and row of points in the image of a camera, pixel centres at +.5."""
-    origin, direction = affine_rays(camera)
-    across = np.stack([*(origin + direction)[:2], direction[2]])  # one of the two depends on the pixel
-    found = (points - origin[2]) @ np.linalg.inv(across)
-    return found[:, :2] / found[:, 2:] if direction[:2].any() else found[:, :2]

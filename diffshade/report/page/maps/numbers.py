@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ....core.backend import in_float64
-from ....model.cameras import AbstractCamera, axes
+from ....model.cameras import AbstractCamera, camera_axes
 from ....model.rendering import intersect
 from ....texels.heights.closing import placed
 from ....texels.heights.map import HeightMap
@@ -105,8 +105,7 @@ def _placed(heights: HeightMap) -> np.ndarray:
 def _heights(position: Any, camera: AbstractCamera) -> np.ndarray | None:
     if position is None:
         return None
-    backward = np.asarray(axes(camera)[2].stack())
-    return (np.asarray(position) - np.asarray(camera.target)) @ backward
+    return (np.asarray(position) - np.asarray(camera.target)) @ camera_axes(camera)[2]
 
 
 def _shapes(maps: TexelMaps) -> tuple[np.ndarray, tuple[tuple[float, ...], ...]]:
@@ -142,12 +141,11 @@ def _errors(maps: TexelMaps, heights: HeightMap | None) -> dict[str, np.ndarray]
 def _reduced(numbers: Numbers, factor: int) -> Numbers:
     """Return the means over squares of texels, of those inside; status and region are the first texel's."""
     inside = numbers.inside
-    weight = np.maximum(_squares(inside.astype(float), factor).sum((1, 3)), 1e-12)
+    weight = np.maximum(_over_squares(np.add, inside.astype(float), factor), 1e-12)
 
     def mean(of: np.ndarray) -> np.ndarray:
-        kept = np.where(inside.reshape(inside.shape + (1,) * (of.ndim - 2)), of, 0.0)
-        sums = _squares(kept, factor).sum((1, 3))
-        return sums / weight.reshape(weight.shape + (1,) * (of.ndim - 2))
+        sums = _over_squares(np.add, np.where(inside.T, of.T, 0.0).T, factor)
+        return (sums.T / weight.T).T
 
     normal = mean(numbers.normal)
     of_texels = {name: getattr(numbers, name) for name in ("k_d", "k_s", "n_s", "own", "height", "beyond")}
@@ -155,16 +153,15 @@ def _reduced(numbers: Numbers, factor: int) -> Numbers:
         numbers,
         **{name: mean(of) for name, of in of_texels.items() if of is not None},
         normal=normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12),
-        status=_squares(np.where(inside, numbers.status, 0), factor).max((1, 3)),
-        region=_squares(numbers.region, factor)[:, 0, :, 0],
+        status=_over_squares(np.maximum, np.where(inside, numbers.status, 0), factor),
+        region=numbers.region[::factor, ::factor],
         errors={name: mean(error) for name, error in numbers.errors.items()},
         factor=factor,
     )
 
 
-def _squares(image: np.ndarray, factor: int) -> np.ndarray:
-    """Return an image as squares, padded with 0: (rows, factor, columns, factor, ...)."""
-    pad = [(0, -side % factor) for side in image.shape[:2]] + [(0, 0)] * (image.ndim - 2)
-    padded = np.pad(image, pad)
-    rows, columns = (side // factor for side in padded.shape[:2])
-    return padded.reshape(rows, factor, columns, factor, *image.shape[2:])
+def _over_squares(of: np.ufunc, image: np.ndarray, factor: int) -> np.ndarray:
+    """Return the sums, or the largest numbers, of an image over squares of texels."""
+    for axis in (0, 1):
+        image = of.reduceat(image, np.arange(0, image.shape[axis], factor), axis)
+    return image

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.backend import in_float64
-from ....model.cameras import AbstractCamera
+from ....model.cameras import AbstractCamera, affine_rays, camera_axes, pixel_matrix
 from ....model.lights import AbstractLight
 from ....model.lobes import AbstractLobe
 from ....model.rendering import intersect, select
 from ....texels.maps import TexelMaps
 from ....texels.status import OUTSIDE
 from ....texels.unexplained import Unexplained
-from ..ball import camera_vectors, emitter_rows, lobe_number, own_lobes
+from ..ball import emitter_rows, lobe_number, own_lobes, ray_rows
 
 
 class Lighting(NamedTuple):
@@ -63,31 +63,21 @@ def _camera(camera: AbstractCamera, factor: int) -> dict[str, Any]:
 
     `to_pixel` has the rows of a matrix that takes a point, with 1 appended, to (column w, row w, w).
     """
-    vectors = {name: np.asarray(of) for name, of in camera_vectors(camera).items()}
-    eye, backward = vectors["eye"] - np.asarray(camera.target), vectors["backward"]
-    depth = eye @ backward
-    origin, direction = {}, {}
-    for name, scale in (("", 1.0), ("_column", float(factor)), ("_row", float(factor))):
-        away = vectors[f"direction{name}"] * scale
-        start = vectors[f"origin{name}"] * scale - (np.asarray(camera.target) if name == "" else 0.0)
-        direction[f"direction{name}"], origin[f"origin{name}"] = away, start + away * depth
-    plane = np.stack([origin["origin_column"], origin["origin_row"], origin["origin"]], -1)
-    lean = np.stack([direction["direction_column"], direction["direction_row"], direction["direction"]], -1)
-    # q = (plane - h lean) (column, row, 1), with h = q . backward; a ray's direction has -1 along backward
-    parallel = np.allclose(lean[:, :2], 0.0)
-    if parallel:
-        inverse = np.linalg.inv(np.stack([plane[:, 0], plane[:, 1], backward], -1))
-        shift = plane[:, 2]
-        rows = np.concatenate([inverse[:2], [[0.0, 0.0, 0.0]]])
-        last = np.append(-inverse[:2] @ shift, 1.0)
-    else:  # all rays meet in the eye: q - eye = w lean (column, row, 1)
-        rows = np.linalg.inv(lean)
-        last = -rows @ eye
+    target, (right, up, backward) = np.asarray(camera.target), camera_axes(camera)
+    eye = np.asarray(camera.eye) - target
+    plane, lean = (of.T * (factor, factor, 1.0) for of in affine_rays(camera))
+    plane[:, 2] -= target
+    plane += lean * (eye @ backward)
+    to_pixel = pixel_matrix(camera)
+    to_pixel[:2] /= factor
+    to_pixel[:, 3] += to_pixel[:, :3] @ target
     return {
-        **{name: of.tolist() for name, of in {**origin, **direction}.items()},
+        **ray_rows(plane.T, lean.T),
         "eye": eye.tolist(),
-        **{name: vectors[name].tolist() for name in ("right", "up", "backward")},
-        "to_pixel": np.concatenate([rows, last[:, None]], -1).tolist(),
+        "right": right.tolist(),
+        "up": up.tolist(),
+        "backward": backward.tolist(),
+        "to_pixel": to_pixel.tolist(),
         "texel": float(np.linalg.norm(plane[:, 0])),
         "local_viewer": bool(camera.local_viewer),  # pyright: ignore[reportAttributeAccessIssue]
     }

@@ -21,7 +21,7 @@ from ....texels.predictions import relative_error
 from ....texels.status import OUTSIDE
 from ...drawn_bands import drawn_bands
 from .. import charts
-from ..pictures import build_gallery
+from ..pictures import build_gallery, evenly
 from ..shaders import shader
 from ..tables import bands as on_bands
 from ..tables import shown
@@ -72,7 +72,7 @@ class PagePhotographs:
 
     def some(self, most: int) -> list[int]:
         """Return the indices of at most so many of the fitted, evenly spread, and as many of those left out."""
-        return _spread(len(self.fitted), most) + [len(self.fitted) + i for i in _spread(len(self.left_out), most)]
+        return evenly(len(self.fitted), most) + [len(self.fitted) + i for i in evenly(len(self.left_out), most)]
 
     def predicted(self, most: int) -> list[int]:
         """Return the indices of at most so many beside predictions: those left out, where there are any."""
@@ -210,8 +210,3 @@ def _scene(
         "status": [{"colour": colour} for colour, _ in LEVELS_OF_STATUS],
         "overlays": overlays,
     }
-
-
-def _spread(number: int, most: int) -> list[int]:
-    """Return the indices of a list, or as many of them as are shown, evenly spread."""
-    return sorted({int(i) for i in np.rint(np.linspace(0, number - 1, min(number, most)))}) if number else []
