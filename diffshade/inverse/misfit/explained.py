@@ -126,6 +126,8 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS, *, shared: float
     named is among the likeliest, which have no name, the errors contain the moves of the named ones too.
     """
     set_up, fit = at.set_up, at.set_up.fit
+    if set_up.shown_beside is None:  # then nothing is known of there
+        faults = [replace(fault, beside=False) for fault in faults]
     # an unknown at a physical bound, 0, is free beyond it here; one at another bound is a fault of its own
     first = _look(at, faults, np.flatnonzero(~(fit.at_bound & (fit.values != 0.0))), shared)
     at_minimum = Directions(at, first.directions.changes[:0], np.flatnonzero(~fit.at_bound))
