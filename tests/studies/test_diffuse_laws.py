@@ -148,6 +148,20 @@ def test_highlights_of_microfacets_are_named_and_errors_hold(law, alpha, k_s, co
     assert_errors_hold(fit, {name: of for name, of in truth.items() if "k_s" not in name}, 3.0)
 
 
+@pytest.mark.parametrize(("k_s", "noise"), [(0.0, 0.0), (0.2, 0.003)])
+def test_errors_hold_of_one_picture_of_which_the_ambient_light_was_forgotten(k_s, noise):
+    """Several faults explain it alike, and all that are named may be it: k_d was 4 to 9 errors off."""
+    lamp, camera = ds.DirectionalLight((0.14, -0.23, -1.0)), ds.Camera((0, 0, 4), fov=40.0, shape=(96, 96))
+    material = ds.Material((0.6, 0.4, 0.2), (0.6, 0.4, 0.2), k_s, 20.0)
+    truth = ds.Scene(ds.Object(ds.Sphere(), material), lamp, ambient=(0.05, 0.05, 0.05))
+    image = np.array(ds.render(truth, camera, samples=4), float)
+    image += noise * np.random.default_rng(0).standard_normal(image.shape)
+    told = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.3, 0.2, 20.0)), lamp, ambient=(0.0, 0.0, 0.0))
+    fit = ds.fit(told, ds.View(image, camera), free=("k_d", "k_s", "n_s"))
+    assert "ambient" in cause_of(fit).names
+    assert_errors_hold(fit, {f"k_d.{c}": of for c, of in zip("rgb", material.k_d, strict=True)})
+
+
 @pytest.mark.parametrize("count", [1, 4])
 @pytest.mark.parametrize("width", [0.15, 0.3, 0.5])
 def test_a_distant_light_of_some_extent_is_named_and_errors_hold(width, count):

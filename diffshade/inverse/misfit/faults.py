@@ -318,7 +318,7 @@ FAULTS = (
     ),
     Fault(
         "distance",
-        "the lamps are {f.size:.3g} times as far away as the scene says",
+        "the lamps are {f.size:.4g} times as far away as the scene says",
         "Measure their distances again, or free 'position'.",
         other_scenes.of_distance,
         mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.farther, f.size)),

@@ -76,7 +76,9 @@ def of_microfacets(at: Linearised) -> Iterator[Case]:
     plain = len(shiny) == 1 and isinstance(shiny[0].fresnel, NoFresnel) and not shiny[0].highlights
     if not plain or not isinstance(shiny[0].lobe, Phong | Blinn) or isinstance(shiny[0].n_s, AbstractPattern):
         return
-    n_s, blinn = max(float(np.mean(np.asarray(shiny[0].n_s))), SMALL), isinstance(shiny[0].lobe, Blinn)
+    n_s, blinn = float(np.mean(np.asarray(shiny[0].n_s))), isinstance(shiny[0].lobe, Blinn)
+    if n_s < EXPONENTS[0]:  # too wide for a highlight
+        return
     half = 0.25 ** (1.0 / n_s) if blinn else 0.5 + 0.5 * 0.5 ** (1.0 / n_s)  # (n.h)^2 at half the height
     alpha2 = (1.0 - half) / (np.sqrt(2.0) - half)
 
@@ -89,18 +91,19 @@ def of_microfacets(at: Linearised) -> Iterator[Case]:
         lit = 2.0 * n_l / np.maximum(n_v * into + n_l * out, SINGLE)  # 1 where l and v are n
         return np.where(n_l > 0.0, facets * lit - np.maximum(cosine, 0.0) ** n_s, 0.0)
 
-    if (highlights := _reflected(at, beyond, "k_s")) is not None:
-        yield Case(0, np.array([highlights, *(case.change[0] for case in of_coat(at))]))
+    both = [_reflected(at, beyond, "k_s"), _reflected(at, _beyond_lambert(under_coat), "k_d")]
+    if all(change is not None for change in both):
+        yield Case(0, np.array(both))
 
 
 def _of_law(at: Linearised, law: Callable[..., Array], amount: float) -> Iterator[Case]:
     """Yield the change by k_d that reflects by another law, by an amount."""
-
-    def beyond_lambert(n_l: np.ndarray, n_v: np.ndarray, l_v: np.ndarray) -> np.ndarray:
-        return np.maximum(np.asarray(law(n_l, n_v, l_v)), 0.0) - np.maximum(n_l, 0.0)
-
-    if (change := _reflected(at, beyond_lambert, "k_d")) is not None:
+    if (change := _reflected(at, _beyond_lambert(law), "k_d")) is not None:
         yield Case(0, change[None] / amount)
+
+
+def _beyond_lambert(law: Callable[..., Array]) -> Callable[..., np.ndarray]:
+    return lambda n_l, n_v, l_v: np.maximum(np.asarray(law(n_l, n_v, l_v)), 0.0) - np.maximum(n_l, 0.0)
 
 
 def _reflected(at: Linearised, beyond: Callable[..., np.ndarray], of: str) -> Float[np.ndarray, " n"] | None:
