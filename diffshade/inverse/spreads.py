@@ -27,7 +27,7 @@ def spread_at(end: Minimum, laid: LaidOut) -> Spread:
 
 
 def rounded_at(end: Minimum, laid: LaidOut, of: Spread) -> Rounded | None:
-    """Return what rounding adds to the errors; None without steps, or where noise hides them.
+    """Return what rounding adds to the errors; None without steps.
 
     Args:
         end: The minimum.
@@ -42,9 +42,8 @@ def rounded_at(end: Minimum, laid: LaidOut, of: Spread) -> Rounded | None:
     count, variance = sum_over(laid.chunks, variance_of_steps, steps, laid.model)
     of_steps = float(variance / max(count, 1.0))  # mean square of the weighted residuals that rounding alone makes
     beyond = max(square - of_steps, 0.0)
-    if beyond > 12.0 * MOST_NOISE**2 * of_steps:
-        return None
     rounding = dataclasses.replace(steps, noise=np.asarray(np.sqrt(beyond)))
-    held = of_steps * share_of_waves(beyond / (12.0 * of_steps))
+    hidden = beyond > 12.0 * MOST_NOISE**2 * of_steps
+    held = 0.0 if hidden else of_steps * share_of_waves(beyond / (12.0 * of_steps))
     rows = sum_over(laid.chunks, waves, end.point.theta, problem.with_rounding(rounding).model)
     return Rounded(rounding, np.asarray(rows), min(held / max(square, 1e-300), 1.0))

@@ -332,8 +332,10 @@ def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found
 
 def _too_bright(unknowns: Sequence[Unknown], values: np.ndarray, known: np.ndarray) -> Iterator[Note]:
     """Say where more light leaves than a surface can reflect."""
-    bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and u.kind == "k_d"]
+    bright = [
+        u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and u.kind in ("k_a", "k_d")
+    ]
     if bright:
         verb = "is" if len(bright) == 1 else "are"
-        text = f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
+        text = f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check the lights and exposure."
         yield Note(text, "above 1", tuple(bright))

@@ -14,6 +14,7 @@ from diffshade.inverse.misfit.conventions import axes_in_words, orders
 
 FREE = ("k_a", "k_d", "k_s", "n_s")
 N = len(point_lights())
+DIRECTIONS = ((-0.5, -0.3, -1.0), (0.7, -0.2, -0.8), (0.1, 0.6, -0.9))
 
 
 @cache
@@ -65,6 +66,32 @@ def test_other_axes_are_named(axes, words):
 )
 def test_otherorders_are_named(order, words):
     assert words in said(fitted(order=order))
+
+
+@pytest.mark.parametrize(
+    ("count", "axes", "words"),
+    [
+        (1, -np.eye(3), "with x, y and z negated"),
+        (2, np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), "with y and z swapped and z negated"),
+        (3, np.diag([-1, 1, 1]), "with x negated"),
+    ],
+    ids=["the sign of a sun", "z up", "mirrored"],
+)
+def test_a_few_photographs_tell_other_axes_too(count, axes, words):
+    """k_a alone was determined, eight errors off; of one light directions are looked at that are reversed."""
+    right = ds.Scene(ds.Object(ds.Sphere(), MATERIAL), [ds.DirectionalLight(d) for d in DIRECTIONS[:count]])
+    views = one_light_each(noisy(photographs(right), 0.003, 0))
+    turned = [ds.DirectionalLight(tuple(axes.T @ np.array(d, float))) for d in DIRECTIONS[:count]]
+    assert words in said(ds.fit(forget(ds.Scene(right.objects, turned)), views, free=FREE))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_light_that_is_far_off_is_in_no_other_axes(count):
+    right = ds.Scene(ds.Object(ds.Sphere(), MATERIAL), [ds.DirectionalLight(d) for d in DIRECTIONS[:count]])
+    views = one_light_each(noisy(photographs(right), 0.003, 0))
+    off = [ds.DirectionalLight(tuple(np.add(d, (0.9, -0.7, 0.3)))) for d in DIRECTIONS[:count]]
+    fit = ds.fit(forget(ds.Scene(right.objects, off)), views, free=FREE)
+    assert not [note for note in fit.notes if "convention" in note.names]
 
 
 def test_a_right_set_up_is_in_no_other_convention():

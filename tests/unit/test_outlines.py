@@ -94,3 +94,15 @@ def test_it_is_said_where_and_what_to_do():
     assert "outside the outline" in sentence
     assert "Nothing is determined" not in sentence
     assert "an object is too small" in sentence
+
+
+@pytest.mark.parametrize(("fov", "words"), [(36.0, None), (40.0, "inside the outline"), (33.0, "outside the outline")])
+def test_an_alpha_channel_tells_a_wrong_fov(fov, words):
+    """As of a lens that is given for another sensor: "blurred by 5.5 pixels", "longer in one direction"."""
+    right, lamp = ds.Camera((0, 0, 4), fov=36.0, shape=(96, 96)), ds.DirectionalLight((-0.5, -0.3, -1.0))
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.05, (0.6, 0.4, 0.2), 0.3, 20)), lamp)
+    image = np.asarray(ds.render(scene, right)) + 0.003 * np.random.default_rng(0).standard_normal((96, 96, 3))
+    alpha = np.asarray(ds.intersect(scene, right).mask)[..., None]
+    view = ds.View(np.concatenate([image * alpha, alpha], -1), ds.Camera((0, 0, 4), fov=2 * 36.0 - fov, shape=(96, 96)))
+    notes = [note for note in ds.fit(scene, view, free=("k_a", "k_d", "k_s", "n_s")).notes if note.kind == "outline"]
+    assert [words in note for note in notes] == ([True] if words else [])

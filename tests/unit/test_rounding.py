@@ -137,8 +137,9 @@ def waves_of(J: np.ndarray, theta: np.ndarray, *, srgb: bool = False, noise: flo
         )
 
 
-def rounded(values: np.ndarray, srgb: bool) -> np.ndarray:
-    stored = np.rint(255 * (ds.srgb_encode(values) if srgb else values)) / 255
+def rounded(values: np.ndarray, srgb: bool, higher: float = 0.0) -> np.ndarray:
+    """Return values in 255 steps; `higher`, in steps: -.5 cuts off, 0 is to the nearest."""
+    stored = np.rint(255 * (ds.srgb_encode(values) if srgb else values) + higher) / 255
     return ds.srgb_decode(stored) if srgb else stored
 
 
@@ -146,7 +147,7 @@ def rounded(values: np.ndarray, srgb: bool) -> np.ndarray:
 @pytest.mark.parametrize("srgb", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.15, 0.6])
 def test_they_move_a_fit_as_the_formula_says(srgb, noise):
-    """Half of the samples have one value, half lie on a ramp; truths anywhere between the steps, and dither."""
+    """Half of the samples have one value, half lie on a ramp; truths anywhere between the steps, dither, any cut."""
     random = np.random.default_rng(0)
     flat, ramp = np.zeros(200), np.linspace(0.0, 0.3, 200)
     J = np.stack([np.ones(400), np.concatenate([flat, ramp])], 1)
@@ -155,7 +156,8 @@ def test_they_move_a_fit_as_the_formula_says(srgb, noise):
     for _ in range(2000):
         theta = np.array([random.uniform(0.2, 0.25), random.uniform(0.9, 1.1)])
         truth = J @ theta
-        moves.append(H @ J.T @ (rounded(truth + noise * STEP * random.standard_normal(400), srgb) - truth))
+        noisy, higher = truth + noise * STEP * random.standard_normal(400), random.uniform(-0.5, 0.5)
+        moves.append(H @ J.T @ (rounded(noisy, srgb, higher) - truth))
     at = np.array([0.225, 1.0])
     slope = 1.055 * 0.225 ** (1 / 2.4 - 1) / 2.4 if srgb else 1.0  # of the curve at the flat half
     A = H @ waves_of(J[None], at, srgb=srgb, noise=noise * STEP)[0]
@@ -163,7 +165,7 @@ def test_they_move_a_fit_as_the_formula_says(srgb, noise):
     expected = np.sqrt(np.sum(A**2, 1) + own)
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(moves), 0)), expected, rtol=0.15)
     if noise == 0.0 and not srgb:  # one value, one error, however many the samples
-        assert 0.7 < expected[0] / (STEP / np.sqrt(12)) < 1.1
+        assert 0.7 < expected[0] / (STEP / np.sqrt(6)) < 1.1
         assert expected[0] > 5 * STEP / np.sqrt(12) * np.sqrt(H[0, 0])
 
 

@@ -15,6 +15,8 @@ d_ik = exp(-2 pi^2 k^2 s^2/q_i^2): with half a step of it the rounding errors ar
 1993), and are part of the noise that the residuals show. The gradients of a fit, J^T W e, so have the covariance
 A^T A with two rows of A for each k: the sums over all samples of d_ik q_i w_i J_i times the cosine and the sine of
 2 pi k v_i, over sqrt(2) pi k. Since these are sums, one pass over the pixels computes them, tile by tile if need be.
+Not all programs round to the nearest: many cut off, and some add noise of one sign first. What all samples share by
+that, up to half a step, is one more row: the sum of q_i w_i J_i over sqrt(12), which no noise damps.
 """
 
 from __future__ import annotations

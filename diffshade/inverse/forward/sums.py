@@ -81,7 +81,8 @@ def spread(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Arr
 def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Array, "views p waves"]:
     """Return the rows of A of each view, as columns, over a chunk: A^T A is the gradients' covariance by rounding.
 
-    Samples have the weights of the Gram; those at an end of the sensor's range are left out.
+    The last is that of all samples a step too high, over the square root of 12. Samples have the weights of the Gram;
+    those at an end of the sensor's range are left out.
     """
     rounding, shown, p = model.setting.rounding, model.setting.shown, theta.shape[0]
 
@@ -93,10 +94,11 @@ def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Arra
         where, size = rounding.steps(block.view, m)
         bend = model.likelihood.terms(m, block.observed.target, weight, None).curvature
         both = harmonics(2.0 * jnp.pi * where, bend * size, damping(rounding, weight, size))
-        of_block = jnp.matmul(J.reshape(len(J), -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
+        rows = [both.reshape(2 * HARMONICS, -1), (bend * size).reshape(1, -1) / np.sqrt(12.0)]
+        of_block = jnp.matmul(J.reshape(len(J), -1), jnp.concatenate(rows).T, precision="highest")
         return total.at[block.view, index].add(of_block, mode="drop"), None
 
-    zero = jnp.zeros((model.setting.grey.shape[0], p, 2 * HARMONICS))
+    zero = jnp.zeros((model.setting.grey.shape[0], p, 2 * HARMONICS + 1))
     return jax.lax.scan(add, zero, chunk)[0]
 
 

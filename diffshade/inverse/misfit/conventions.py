@@ -28,7 +28,7 @@ from ..unknowns.places import Place
 from ..unknowns.unknown import free_places
 
 MUCH_WORSE = 1.0 / SMALL  # times the median mean square: such views may be swapped
-MIN_VIEWS = 4  # with fewer, several conventions can fit alike
+MIN_VIEWS = 4  # with fewer, some axes may be right by chance
 HEALED = 0.25  # of the squares that the scene as given leaves, below which a convention is believed
 
 Convention = tuple[str, Scene, ViewSet]  # what it is in words, and the scene and views in it
@@ -54,14 +54,16 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
         return unlike
     free = {(place.owner, place.field) for place in free_places(fit.unknowns)}
     placed = any(owner == "lights" and name in ("direction", "position") for owner, name in free)
-    if len(fit.views) < MIN_VIEWS or placed:
+    few = len(fit.views) < MIN_VIEWS
+    if placed or (few and not gross):
         return None
     data = fit.solved.problem.data.part(BLOCK)
     given = _cost(fit, fit.scene, data)
-    conventions = itertools.chain(_conventions(fit.scene, data) if gross else (), _swapped(fit.scene, data, worst))
+    swapped = () if few else _swapped(fit.scene, data, worst)
+    conventions = itertools.chain(_conventions(fit.scene, data) if gross else (), swapped)
     tried = [(_cost(fit, scene, of), words) for words, scene, of in conventions]
     (best, words), *others = sorted(tried) or [(np.inf, "")]
-    if best > HEALED * given or (others and CLEARLY * best > others[0][0]):
+    if best > (SLIGHT if few else HEALED) * given or (others and CLEARLY * best > others[0][0]):
         return None
     left = np.sqrt(best / given)
     return f"{words}: they fit with {left:.0%} of the RMSE so. Nothing is determined until it is corrected."
@@ -96,8 +98,11 @@ def _cost(fit: Fit, scene: Scene, data: ViewSet) -> float:
 
 
 def _conventions(scene: Scene, data: ViewSet) -> Iterator[Convention]:
-    """Yield the scene with its lights in other axes, and the views under other lights."""
-    for axes in other_axes():
+    """Yield the scene with its lights in other axes, and the views under other lights.
+
+    Of one light in 48 axes one may be right by chance; then directions are reversed alone.
+    """
+    for axes in other_axes() if len({*data.lit}) > 1 else [-np.eye(3)]:
         yield axes_in_words(axes), _turned(scene, axes), data
     one_each = all(len(of) == 1 for of in data.lit) and len({*data.lit}) == len(data.lit)
     for words, order in orders(len(data.lit)) if one_each else ():

@@ -126,6 +126,8 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS, *, shared: float
     named is among the likeliest, which have no name, the errors contain the moves of the named ones too.
     """
     set_up, fit = at.set_up, at.set_up.fit
+    if set_up.shown_beside is None:  # then nothing is known of there
+        faults = [replace(fault, beside=False) for fault in faults]
     # an unknown at a physical bound, 0, is free beyond it here; one at another bound is a fault of its own
     first = _look(at, faults, np.flatnonzero(~(fit.at_bound & (fit.values != 0.0))), shared)
     at_minimum = Directions(at, first.directions.changes[:0], np.flatnonzero(~fit.at_bound))
@@ -134,13 +136,15 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS, *, shared: float
         return Explained((), np.zeros(set_up.own), of_noise)
     found = _found(first)
     theta, (lower, upper) = np.clip(first.corrected, *set_up.bounds), set_up.bounds
-    inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
+    within = (lower < theta) & (theta < upper)
+    inside = np.flatnonzero(within[: set_up.own])
+    theta[set_up.own :] = np.where(within, theta, at.state.theta)[set_up.own :]  # no radius is 0
     there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
     with np.errstate(over="ignore"):
         before = values_at(first.minimum[: set_up.own], fit.unknowns)
     errors = [_errors(look, found, before) for look in (first, _look(there, faults, inside, shared))]
     named = [f for f in found if not f.fault.unnamed]
-    instead = [np.abs(f.moves) for f in named] if all(first.is_instead(f) for f in named) else []
+    instead = [np.abs(f.moves) for f in named if first.is_instead(f)]
     return Explained(found, np.max([*errors, *instead], 0), of_noise, _like_gamma(first))
 
 

@@ -44,12 +44,16 @@ def _of_viewer(f: Found) -> dict[str, Any]:
 
 
 def _of_highlight(f: Found) -> dict[str, Any]:
-    shiny = (x.material.n_s for x in f.given.scene.objects if other_scenes.shines(x.material.k_s))
     factor = other_scenes.EXPONENT_FACTORS[f.which]
-    n_s = factor * float(np.mean(np.asarray(next(shiny))))
+    n_s = factor * _shared_exponent(f)
     known = not any(place.field == "n_s" for unknown in f.given.unknowns for place in unknown.all_places)
     free = "Free 'n_s', which is known in this fit. Or: " if known else ""
     return {"wider": "sharper" if factor > 1 else "wider", "n_s": n_s, "free": free}
+
+
+def _shared_exponent(f: Found) -> float:
+    shiny = (x.material.n_s for x in f.given.scene.objects if other_scenes.shines(x.material.k_s))
+    return float(np.mean(np.asarray(next(shiny))))
 
 
 def _by_colour(f: Found) -> dict[str, Any]:
@@ -249,6 +253,16 @@ FAULTS = (
         plausible=(0.0, 3.0),  # 1 is all that a coat reflects
     ),
     Fault(
+        "microfacets",
+        "the highlights have the tails of microfacets (GGX), as of Blender's Principled BSDF, of glTF, and of most "
+        "plastics and metals",
+        "Give the material highlights=ds.Highlight(k_s=0.1, n_s={n_s:.2g}) and free both, or a lobe of your own with "
+        "such tails (ds.extension.AbstractLobe).",
+        other_scenes.of_microfacets,
+        words=lambda f: {"n_s": _shared_exponent(f) / 4.0},
+        plausible=(0.4, 2.5),  # 1 is exactly these
+    ),
+    Fault(
         "translucent",
         "light enters the surface and comes out nearby, as in wax, marble and skin: it is lit beyond where its light "
         "ends",
@@ -318,7 +332,7 @@ FAULTS = (
     ),
     Fault(
         "distance",
-        "the lamps are {f.size:.3g} times as far away as the scene says",
+        "the lamps are {f.size:.4g} times as far away as the scene says",
         "Measure their distances again, or free 'position'.",
         other_scenes.of_distance,
         mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.farther, f.size)),
@@ -381,10 +395,10 @@ FAULTS = (
     ),
     Fault(
         "black",
-        "{pixels} brighter than the scene says, beside the object too (a black level, haze, or a lit background)",
+        "{pixels} brighter than the scene says{too} (a black level, haze, or a lit background)",
         "{remedy}, or give the scene its background.",
         changes.of_black,
-        words=_of_black,
+        words=lambda f: {"too": ", beside the object too" if f.fault.beside else "", **_of_black(f)},
         size=lambda which, amount: float(np.max(amount)),
         plausible=(0.0, np.inf),
         beside=True,

@@ -80,29 +80,71 @@ def of_coat(at: Linearised) -> Iterator[Case]:
     yield from _of_law(at, under_coat, 1.0)
 
 
+def of_microfacets(at: Linearised) -> Iterator[Case]:
+    """Yield highlights of microfacets, as wide at half their height, and the colour below them, as under a coat.
+
+    One material shines, by a power of one cosine.
+    """
+    shiny = [item.material for item in at.fit.scene.objects if shines(item.material.k_s)]
+    plain = len(shiny) == 1 and isinstance(shiny[0].fresnel, NoFresnel) and not shiny[0].highlights
+    if not plain or not isinstance(shiny[0].lobe, Phong | Blinn) or isinstance(shiny[0].n_s, AbstractPattern):
+        return
+    n_s, blinn = float(np.mean(np.asarray(shiny[0].n_s))), isinstance(shiny[0].lobe, Blinn)
+    if n_s < EXPONENTS[0]:  # too wide for a highlight
+        return
+    half = 0.25 ** (1.0 / n_s) if blinn else 0.5 + 0.5 * 0.5 ** (1.0 / n_s)  # (n.h)^2 at half the height
+    alpha2 = (1.0 - half) / (np.sqrt(2.0) - half)
+
+    def beyond(n_l: np.ndarray, n_v: np.ndarray, l_v: np.ndarray) -> np.ndarray:
+        n_l, n_v = np.clip(n_l, 0.0, 1.0), np.clip(n_v, SMALL, 1.0)
+        n_h = (n_l + n_v) / np.sqrt(np.maximum(2.0 + 2.0 * l_v, SINGLE))
+        facets = (alpha2 / (1.0 - (1.0 - alpha2) * np.minimum(n_h, 1.0) ** 2)) ** 2
+        into, out = (np.sqrt(alpha2 + (1.0 - alpha2) * x**2) for x in (n_l, n_v))
+        cosine = n_h if blinn else 2.0 * n_l * n_v - l_v
+        lit = 2.0 * n_l / np.maximum(n_v * into + n_l * out, SINGLE)  # 1 where l and v are n
+        return np.where(n_l > 0.0, facets * lit - np.maximum(cosine, 0.0) ** n_s, 0.0)
+
+    both = [_reflected(at, beyond, "k_s"), _reflected(at, _beyond_lambert(under_coat), "k_d")]
+    if all(change is not None for change in both):
+        yield Case(0, np.array(both))
+
+
 def _of_law(at: Linearised, law: Callable[..., Array], amount: float) -> Iterator[Case]:
-    """Yield the change by k_d that reflects by another law, by an amount. Each view has one light, without extent."""
+    """Yield the change by k_d that reflects by another law, by an amount."""
+    if (change := _reflected(at, _beyond_lambert(law), "k_d")) is not None:
+        yield Case(0, change[None] / amount)
+
+
+def _beyond_lambert(law: Callable[..., Array]) -> Callable[..., np.ndarray]:
+    return lambda n_l, n_v, l_v: np.maximum(np.asarray(law(n_l, n_v, l_v)), 0.0) - np.maximum(n_l, 0.0)
+
+
+def _reflected(at: Linearised, beyond: Callable[..., np.ndarray], of: str) -> Float[np.ndarray, " n"] | None:
+    """Return what surfaces show by more of one coefficient, from the cosines between normal, light and viewer.
+
+    None if a view has other than one light without extent, or a sensor, or something is transparent.
+    """
     single = all(len(lit) == 1 and isinstance(at.fit.scene.lights[lit[0]], OF_ONE_PLACE) for lit in at.set_up.lit)
     plain = all(view.sensor is None for view in at.fit.views)
     if single and plain and not any(item.material.k_t is not None for item in at.fit.scene.objects):
-        yield Case(0, at.drawn(partial(_beyond_lambert, law))[None] / amount)
+        return at.drawn(partial(_beyond, beyond, of))
+    return None
 
 
-def _beyond_lambert(law: Callable[..., Array], scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
-    """Return what the surfaces of a scene show a view beyond Lambert's law."""
+def _beyond(beyond: Callable[..., np.ndarray], of: str, scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
+    """Return what the surfaces of a scene show a view by so much more of a coefficient."""
     n, p, inside, n_v, ray = seen_points(scene.objects, view.camera)
     k = lights_on(scene, view)[0]
     light: Any = scene.lights[k]
     l = np.asarray(light.path(None if p is None else Vec3.of(p)).l.stack())
-    n_l, none = np.sum(n * l, -1), np.zeros(len(scene.channels))
-    beyond = np.maximum(np.asarray(law(n_l, n_v, -np.sum(l * ray, -1))), 0.0) - np.maximum(n_l, 0.0)
+    none, more = np.zeros(len(scene.channels)), beyond(np.sum(n * l, -1), n_v, -np.sum(l * ray, -1))
     # given as ambient light too, what arrives is reflected whichever way a surface faces
     each = (item.material for item in scene.objects)
-    flat = [replace(of, k_a=of.k_d, k_d=none, k_s=none, k_e=none, highlights=()) for of in each]
+    flat = [replace(m, k_a=getattr(m, of), k_d=none, k_s=none, k_e=none, highlights=()) for m in each]
     whole = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)
     whole = eqx.tree_at(lambda s: s.lights[k].ambient, whole, light.intensity, is_leaf=lambda leaf: leaf is None)
     shown = photograph(replace(whole, ambient=0.0), view) - float(view.black)
-    return np.where(inside, beyond, 0.0)[..., None] * shown
+    return np.where(inside, more, 0.0)[..., None] * shown
 
 
 def of_second_highlight(at: Linearised) -> Iterator[Case]:

@@ -17,11 +17,12 @@ from ...core.thresholds import BLACK, CLEARLY, MINOR, MOST, SMALL
 from ...core.words import Note
 from ...io.lazy_images import LazyImage
 from ...model.gbuffers import GBuffer
+from ...model.rendering import silhouette
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from ...parallel.threads import on_all_cores
 from ..data.recording import developed
-from ..data.views import View, camera_key, colours, has_mask
+from ..data.views import View, camera_key, colours, has_alpha
 from ..result import Fit
 
 ROWS = 48  # most rows of an object from which the noise of a photograph is estimated
@@ -44,17 +45,19 @@ class WrongOutline:
     """The width of the border in pixels."""
     share: float
     """The share of the outline that has this border."""
+    by_alpha: bool = False
+    """Whether an alpha channel says so."""
 
 
 def check_outlines(fit: Fit, _: ReportProgress = silent) -> Fit:
-    """Return a fit with a note if photographs without a mask contradict the scene's outline.
+    """Return a fit with a note if photographs without a mask, or their alpha, contradict the scene's outline.
 
     If background lies inside the outline, nothing is determined.
     """
     found = wrong_outline(fit)
     if found is None:
         return fit
-    determined = fit.determined & (not found.large)
+    determined = fit.determined & (not found.large or found.by_alpha)
     return replace(fit, determined=determined, notes=(Note(said(fit.scene, found), "outline"), *fit.notes))
 
 
@@ -66,13 +69,15 @@ def wrong_outline(fit: Fit) -> WrongOutline | None:
     """
     groups: dict[Any, tuple[Mask, list[View]]] = {}
     for view, samples in zip(fit.views, fit.solved.problem.data.samples, strict=True):
-        if not has_mask(view) and not isinstance(view.image, LazyImage):
-            groups.setdefault(camera_key(view.camera), (samples.inside, []))[1].append(view)
+        if view.mask is None and not isinstance(view.image, LazyImage):
+            inside = np.asarray(silhouette(fit.scene.objects, view.camera)) if has_alpha(view) else samples.inside
+            groups.setdefault((camera_key(view.camera), has_alpha(view)), (inside, []))[1].append(view)
     found = []
-    for inside, group in groups.values():
+    for (_, by_alpha), (inside, group) in groups.items():
         noise = 1.0 if fit.views[0].noise is not None else noise_of(group, inside)
         if fit.rmse > CLEARLY * noise:
-            found.append(compare(inside, np.max([_brightness(view) for view in group], 0)))
+            shown = [np.asarray(view.image)[..., -1] if by_alpha else _brightness(view) for view in group]
+            found.append(compare(inside, np.max(shown, 0), by_alpha=by_alpha))
     mapped = any(isinstance(item.surface, GBuffer) for item in fit.scene.objects)  # whose outline is a given mask
     usable = [f for f in found if f is not None and (f.large or not mapped)]
     return max(usable, key=lambda f: f.pixels, default=None)
@@ -100,8 +105,8 @@ def noise_of(views: Sequence[View], inside: Mask) -> float:
     return float(np.median(on_all_cores(scatter, views)))
 
 
-def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline | None:
-    """Compare a silhouette with the brightest of the photographs taken by one camera, pixel by pixel.
+def compare(inside: Mask, brightness: Float[np.ndarray, "h w"], *, by_alpha: bool = False) -> WrongOutline | None:
+    """Compare a silhouette with the brightest of the photographs taken by one camera, or their alpha, pixel by pixel.
 
     This works only if the background is uniform, and dark compared with the object.
     """
@@ -122,7 +127,8 @@ def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline 
         return None
     dark = brightness <= level + max(OUTLIER * scatter, 1e-3 * light)
     above = brightness - level
-    return _too_large(inside, depth, dark, above, light) or _too_small(inside, depth, outside, above)
+    found = _too_large(inside, depth, dark, above, light) or _too_small(inside, depth, outside, above)
+    return found and replace(found, by_alpha=by_alpha)
 
 
 def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, light: float) -> WrongOutline | None:
@@ -171,11 +177,12 @@ def said(scene: Scene, found: WrongOutline) -> str:
     wrong = f"{what} is {size}, or the sphere is out of place," if sphere else f"{what} is {size} or out of place,"
     along = f"along {found.share:.0%} of the outline"
     if found.large:
-        where = f"{found.pixels:,} pixels inside the outline are as dark as the background, {along}"
+        background = "transparent" if found.by_alpha else "as dark as the background"
+        where = f"{found.pixels:,} pixels inside the outline are {background}, {along}"
     else:
         where = f"{found.pixels:,} pixels outside the outline show the object, {along}"
-    nothing = " Nothing is determined until that is corrected." if found.large else ""
+    nothing = " Nothing is determined until that is corrected." if found.large and not found.by_alpha else ""
     return (
-        f"{where}: {wrong} by about {max(found.width, 1.0):.0f} px.{nothing} Measure it again, check the camera, or "
-        f"give each View a mask and free {'it' if sphere else 'the wrong parameter'}."
+        f"{where}: {wrong} by about {max(found.width, 1.0):.0f} px.{nothing} Measure it again, check the camera, its "
+        f"fov too, or give each View a mask and free {'it' if sphere else 'the wrong parameter'}."
     )

@@ -37,7 +37,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     """
     exact = fit.evidence.spread[1] <= ROUNDING * fit.squares  # only rounding is left
     outside = any(note.kind == "outline" for note in fit.notes) and not fit.determined.any()
-    if exact or outside or fit.evidence.waves is not None:
+    if exact or outside or fit.evidence.shared > 0.0:
         return fit
     is_noise, shown = residuals.p_value > FALSE_ALARM, beside(fit)
     known = any(samples.zeros >= MIN_PILE or samples.reach for samples in fit.solved.problem.data.samples)

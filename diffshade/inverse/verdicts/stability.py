@@ -188,7 +188,7 @@ def moved(fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks) -> B
         ends = [laid.minimise(held, theta, rtol=1e-8).point for theta in begins]
         return min(ends, key=lambda end: float(end.total.cost))
 
-    if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
+    if again.evidence.shared > 0.0:  # to a highlight that is masked, rounding is as good as light
         rises = np.maximum(rises, again.clusters.rises().max())
     best = lowest({}, there, laid.theta)
     for j in suspects.tolist():

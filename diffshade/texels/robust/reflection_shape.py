@@ -121,7 +121,7 @@ def notes_on_diffuse(shapes: Sequence[ReflectionShape]) -> tuple[Note, ...]:
     most = "up to " if len(shapes) > 1 else ""
     allowed = (
         "The normals allow for this; k_d is that of a texel that faces its light. Photographs that are not quite "
-        "linear look alike."
+        "linear look alike, and so does light from everywhere (ambient), which adds to k_d."
     )
     rough = (
         "the surface is rough, as clay, plaster and stone are: it reflects more towards the light than Lambert's law "
