@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.thresholds import CLEARLY, MOST, SMALL
+from ...core.thresholds import CLEARLY, MOST
 from ...io.encodings import srgb_decode, srgb_encode
 from ...model.scenes import Scene
 from ..data.samples import Samples, SensorRange
@@ -45,7 +45,7 @@ class Mended:
         """Whether noise alone, or the steps of files, is left with it corrected."""
         laid, end = self.refitted
         steps = rounded_at(end, laid, spread_at(end, laid))
-        if steps is not None and steps.shared > 1.0 - SMALL:
+        if steps is not None and steps.shared > MOST:
             return True
         return whiteness(leftovers(laid, end.theta)).p_value > FALSE_ALARM
 
