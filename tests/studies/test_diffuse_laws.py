@@ -148,7 +148,7 @@ def test_highlights_of_microfacets_are_named_and_errors_hold(law, alpha, k_s, co
     assert_errors_hold(fit, {name: of for name, of in truth.items() if "k_s" not in name}, 3.0)
 
 
-@pytest.mark.parametrize(("k_s", "noise"), [(0.0, 0.0), (0.2, 0.003)])
+@pytest.mark.parametrize(("k_s", "noise"), [(0.0, 3e-4), (0.2, 0.003)])
 def test_errors_hold_of_one_picture_of_which_the_ambient_light_was_forgotten(k_s, noise):
     """Several faults explain it alike, and all that are named may be it: k_d was 4 to 9 errors off."""
     lamp, camera = ds.DirectionalLight((0.14, -0.23, -1.0)), ds.Camera((0, 0, 4), fov=40.0, shape=(96, 96))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from scipy import ndimage
-from wrong_photographs import FAULTS, FREE, MATERIALS, fitted, truth
+from wrong_photographs import FAULTS, FREE, MATERIALS, Fault, fitted, in_eight_bits, truth
 
 import diffshade as ds
 
@@ -73,6 +73,23 @@ def test_what_is_called_determined_is_true_and_the_fault_is_named(kind, count):
 def test_so_it_is_of_twenty_draws(kind, count):
     if count >= FAULTS[kind].fewest:
         check(kind, count, range(20))
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+def test_a_render_of_eight_bits_that_is_as_described_gets_no_remark(monkeypatch, material):
+    monkeypatch.setitem(FAULTS, "render", Fault(stored=lambda images, _: [*map(in_eight_bits, images)], noise=0.0))
+    for count, seed in ((1, 0), (4, 1), (4, 2)):
+        fit = fitted(material, count, seed, "render")
+        assert kinds_of(fit) is None
+        assert np.all(np.abs(fit.values - truth(material, fit)) < 3.0 * fit.errors)
+
+
+def test_a_render_whose_encoding_is_named_leaves_no_more_to_find(monkeypatch):
+    stored = Fault(stored=lambda images, _: [np.asarray(ds.srgb_encode(in_eight_bits(i))) for i in images], noise=0.0)
+    monkeypatch.setitem(FAULTS, "render", stored)
+    fit = fitted("glossy", 4, 0, "render")
+    assert kinds_of(fit) == ("encoding",)
+    assert not any("no noise either" in note for note in fit.notes)
 
 
 def of_averages(count: int, n_s: float, noise: float, blur: float = 0.0) -> tuple[ds.Fit, np.ndarray]:

@@ -10,7 +10,7 @@ import dataclasses
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,11 @@ NOISE = 0.003
 SIDE = 48
 SPHERE = {"type": "sphere", "center": (0.0, 0.0, 0.0), "radius": 1.0}
 CAMERA = {"eye": (0, 0, 4), "target": (0, 0, 0), "up": (0, 1, 0), "local_viewer": True, "fov": 36.0}
-NEAR = ("lamps farther", "attenuation forgotten")  # faults of lamps at a distance; of all others they are at infinity
+NEAR = (
+    "lamps farther",
+    "attenuation forgotten",
+    "lamps told distant",
+)  # faults of lamps at a distance; of all others they are at infinity
 
 
 @dataclass(frozen=True)
@@ -118,8 +122,9 @@ def _directions_off(of: Photographed, degrees: np.ndarray) -> Photographed:
     return of.but(lamps=lamps_at(moved, False), told={"lamps": of.lamps})
 
 
-def _all_turned(of: Photographed) -> Photographed:
-    places = turned(np.array([-np.array(lamp["direction"]) for lamp in of.lamps]), of.random.standard_normal(3), 3.0)
+def _all_turned(of: Photographed, degrees: float = 3.0) -> Photographed:
+    axis = of.random.standard_normal(3)
+    places = turned(np.array([-np.array(lamp["direction"]) for lamp in of.lamps]), axis, degrees)
     return of.but(lamps=lamps_at(places, False), told={"lamps": of.lamps})
 
 
@@ -162,6 +167,11 @@ def _attenuation_forgotten(of: Photographed) -> Photographed:
     return of.but(told={"lamps": tuple(lamp | even for lamp in of.lamps)})
 
 
+def _told_distant(of: Photographed) -> Photographed:
+    far = lamps_at(np.array([np.array(lamp["position"]) for lamp in of.lamps]), False, 14.0 * _arriving(4.0))
+    return of.but(told={"lamps": far})
+
+
 def vignetted(image: np.ndarray, share: float) -> np.ndarray:
     row, column = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
     return image * (1.0 - share * (row**2 + column**2) / (2 * (SIDE / 2) ** 2))[..., None]
@@ -192,6 +202,10 @@ def through_jpeg(image: np.ndarray) -> np.ndarray:
     stored = Image.fromarray(np.round(255 * ds.srgb_encode(np.clip(image, 0, 1))).astype(np.uint8))
     stored.save(file := io.BytesIO(), "jpeg", quality=90)
     return np.asarray(ds.srgb_decode(np.asarray(Image.open(file)) / 255.0))
+
+
+def in_eight_bits(image: np.ndarray) -> np.ndarray:
+    return np.asarray(ds.srgb_decode(np.rint(255 * np.asarray(ds.srgb_encode(np.clip(image, 0, 1)))) / 255))
 
 
 def _of_each(change: Callable[[np.ndarray], np.ndarray]) -> Callable[..., list[np.ndarray]]:
@@ -260,6 +274,16 @@ FAULTS: Mapping[str, Fault] = {
     "k_a forgotten": Fault(free=("k_d", "k_s", "n_s"), named=("ambient",)),
     "lamps farther": Fault(_told_farther, fewest=4, named=("distance",)),
     "attenuation forgotten": Fault(_attenuation_forgotten, named=("attenuation",)),
+    "lamps told distant": Fault(_told_distant, named=("near",)),
+    "a render of Blinn's lobe": Fault(
+        lambda of: _of_material(of, lobe="blinn"), _of_each(in_eight_bits), noise=0.0, named=("lobe",)
+    ),
+    "a render, lights turned": Fault(
+        partial(_all_turned, degrees=0.3), _of_each(in_eight_bits), noise=0.0, named=LIGHTS
+    ),
+    "a render of averages": Fault(
+        lambda of: of.but(samples=5), _of_each(in_eight_bits), noise=0.0, named=("pixels", "blur")
+    ),
     "jpeg": Fault(stored=_of_each(through_jpeg), named=("chroma",)),
     "exposure": Fault(stored=_first_but(1.1), fewest=4, named=("exposure",)),
     "swapped": Fault(stored=_swapped, fewest=4, named=("convention",)),

@@ -117,13 +117,13 @@ def of_stray_light(at: Linearised) -> Iterator[Case]:
     That of one side is dark at the other end, since light is not negative; so its mean is as large as its change.
     """
     (x, y), level = _across(at), _exposure(at) * np.sqrt(np.mean(at.light**2))
-    yield Case(0, _of_each_channel(at, 0.5 * (1.0 + np.array([x, -x, y, -y])) * level))
+    yield Case(0, of_each_channel(at, 0.5 * (1.0 + np.array([x, -x, y, -y])) * level))
     yield Case(1, _smooth(at, 2, SMOOTH_DEGREE) * level)
 
 
 def of_ambient(at: Linearised) -> Iterator[Case]:
     """Yield light from everywhere, an amount for each channel."""
-    yield Case(0, _of_each_channel(at, _exposure(at)[None]))
+    yield Case(0, of_each_channel(at, _exposure(at)[None]))
 
 
 def of_shift(at: Linearised) -> Iterator[Case]:
@@ -191,7 +191,7 @@ def bounded(fit: Fit) -> Int[np.ndarray, " bounded"]:
 
 def of_black(at: Linearised) -> Iterator[Case]:
     """Yield a level that is added to every sample, one for each channel."""
-    yield Case(0, _of_each_channel(at, np.ones((1, len(at.predicted)))))
+    yield Case(0, of_each_channel(at, np.ones((1, len(at.predicted)))))
 
 
 def of_floor(at: Linearised) -> Iterator[Case]:
@@ -224,7 +224,7 @@ def of_highlight_by_colour(at: Linearised) -> Iterator[Case]:
         if unknown.kind == "n_s" and unknown.logarithmic and channel.any() and not at.fit.at_bound[j]:
             change = at.jacobian[[j]].toarray()
             if len(np.unique(channel[change[0] != 0.0])) > 1:
-                yield Case(j, _of_each_channel(at, change))
+                yield Case(j, of_each_channel(at, change))
 
 
 def of_exposure(at: Linearised) -> Iterator[Case]:
@@ -293,7 +293,7 @@ def _smooth(at: Linearised, least: int, degree: int) -> Float[np.ndarray, "k n"]
     return np.array([x[:, i] * y[:, j] / (1 + i + j) for i, j in of_degrees])
 
 
-def _of_each_channel(at: Linearised, changes: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "kc n"]:
+def of_each_channel(at: Linearised, changes: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "kc n"]:
     """Return changes with an amount for each channel."""
     channel = at.set_up.channel
     return np.concatenate([np.where(channel == c, changes, 0.0) for c in range(int(channel.max(initial=0)) + 1)])

@@ -19,6 +19,7 @@ from ..pixels.blocks import MANY
 from ..result import Fit
 from ..solve.solvers import Minimum
 from ..solving import solve_again
+from ..spreads import rounded_at, spread_at
 from ..statistics.uncertainty import Vector
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
@@ -35,14 +36,17 @@ class Mended:
 
     kind: str
     sentence: str
-    values: Vector | None
-    """The fit's numbers with the images' encoding corrected; None of other lamps, whose strength is not known."""
+    values: Vector
+    """The fit's numbers with it corrected; other lamps are as strong at the object's middle."""
     refitted: tuple[LaidOut, Minimum]
 
     @property
     def leaves_noise(self) -> bool:
-        """Whether noise alone is left with it corrected."""
+        """Whether noise alone, or the steps of files, is left with it corrected."""
         laid, end = self.refitted
+        steps = rounded_at(end, laid, spread_at(end, laid))
+        if steps is not None and steps.shared > MOST:
+            return True
         return whiteness(leftovers(laid, end.theta)).p_value > FALSE_ALARM
 
 
@@ -65,8 +69,8 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Men
         again, refitted = _refitted(fit, scene, to)
         after = _misfits(again, back)
         rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.4g}" for of in (after, before)]
-        values = None if to is _linear else again.values
-        return after, Mended(kind, f"{what} with RMSE {' instead of '.join(rmse)}. {remedy}", values, refitted)
+        sentence = f"{what} with RMSE {' instead of '.join(rmse)}. {remedy}"
+        return after, Mended(kind, sentence, again.values, refitted)
 
     encoded = "the images seem to be sRGB-encoded, but were read as linear: decoded, they fit"
     decoded = "the images seem to be linear, but were decoded from sRGB: encoded again, they fit"

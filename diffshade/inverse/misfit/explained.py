@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.thresholds import FAR_MORE, MOST, SLIGHT, SMALL
+from ..forward.rounding import sawtooth
 from ..pixels.blocks import BLOCK
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, values_at
-from .changes import Case, Move, bounded
+from .changes import Case, Move, bounded, of_each_channel
 from .directions import Directions, changes_of
 from .faults import FAULTS
 from .found import Fault, Found
@@ -193,7 +194,7 @@ def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " ins
 
 def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, directions: Directions) -> FaultEvidence:
     """Return what the residuals say of the directions, and the samples beside the objects of those that show there."""
-    at, squares, (information, score) = directions.at, directions.squares, directions.evidence()
+    at, squares, (information, score) = directions.at, directions.squares, _beyond_rounding(directions)
     freedom = max(float(at.count - len(directions.inside)), 1.0)
     if (shown := at.set_up.shown_beside) is not None:
         weight = float(np.median(at.weight[at.weight > 0]))
@@ -210,6 +211,21 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
     most = max(squares, float(at.weight @ at.photographed**2))
     rounding = np.finfo(float).eps * most  # without noise, exactly 0 may be left
     return FaultEvidence(information, score, group, max(squares, rounding), freedom, most)
+
+
+def _beyond_rounding(directions: Directions) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
+    """Return what the residuals say of the directions beside the sawtooth of the files' steps.
+
+    Its phase in each channel is where the fit is off by a part of a step.
+    """
+    at, k = directions.at, len(directions.changes)
+    if not at.fit.evidence.shared > 0.0:
+        return directions.evidence()
+    steps = of_each_channel(at, sawtooth(at.fit.rounding, at.set_up.view, at.predicted, at.weight))
+    information, score = Directions(at, np.concatenate([directions.changes, steps]), directions.inside).evidence()
+    noise = directions.squares / max(at.count - len(directions.inside), 1)
+    known = information[:k, k:] @ inverse(information[k:, k:] + noise * np.eye(len(steps)))
+    return information[:k, :k] - known @ information[k:, :k], score[:k] - known @ score[k:]
 
 
 def _named(

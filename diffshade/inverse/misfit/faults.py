@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from ...core.thresholds import SLIGHT, SMALL, VAGUE
+from ...core.thresholds import SLIGHT, SMALL, TINY, VAGUE
 from ...core.words import MAX_NAMED, listing
 from ...model.lobes import EXPONENTS, Blinn
 from ..statistics.identifiability import some_channels
@@ -102,6 +102,10 @@ def _of_bound(f: Found) -> dict[str, Any]:
     bounds = [f"{bound:.3g}" for bound in dict.fromkeys(f.given.values[which].tolist())]
     names = some_channels(np.isin(np.arange(len(f.given.values)), which), f.given.unknowns)
     return {"names": listing(names), "bounds": f"the bound{'s' if len(bounds) > 1 else ''} {listing(bounds)}"}
+
+
+def _of_falloff(f: Found) -> dict[str, Any]:
+    return {"falls": "falls off by the square of the distance" if f.which else "does not fall off"}
 
 
 def beyond_bounds(f: Found) -> Int[np.ndarray, " beyond"]:
@@ -326,7 +330,7 @@ FAULTS = (
         "the lamps' light {falls}, unlike the scene's attenuation",
         "Give the lights RadialAttenuation(0, 0, 1) or (1, 0, 0), or free 'attenuation'.",
         other_scenes.of_attenuation,
-        words=lambda f: {"falls": "falls off by the square of the distance" if f.which else "does not fall off"},
+        words=_of_falloff,
         mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.falling, f.which)),
         plausible=(0.2, 2.0),  # 1 is exactly the square of the distance, or no attenuation
     ),
@@ -338,6 +342,16 @@ FAULTS = (
         mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.farther, f.size)),
         size=lambda which, amount: 1.0 + float(amount[0]),
         plausible=(0.5, 2.0),
+    ),
+    Fault(
+        "near",
+        "the lights are about {f.size:.2g} times as far away as the camera, not at infinity, and their light {falls}",
+        "Give them as ds.PointLight, with RadialAttenuation(0, 0, 1) if it falls off.",
+        other_scenes.of_near,
+        words=_of_falloff,
+        mended=lambda f: other_scenes.with_near_lamps(f.given, f.which, f.size),
+        size=lambda which, amount: 1.0 / float(amount[0] or TINY),
+        plausible=(SMALL, np.inf),
     ),
     Fault(
         "size",

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.fields import Array
-from ...core.thresholds import MOST, SINGLE, SLIGHT, SMALL
+from ...core.thresholds import FAR_MORE, MOST, SINGLE, SLIGHT, SMALL
 from ...model.attenuation import AbstractAttenuation, RadialAttenuation
 from ...model.bands import widened
 from ...model.diffuse_laws import DiffuseLaw, under_coat
 from ...model.fresnel import NoFresnel
 from ...model.gbuffers import GBuffer
-from ...model.lights import AbstractLamp, DirectionalLight
+from ...model.lights import AbstractLamp, DirectionalLight, PointLight
 from ...model.lobes import EXPONENTS, AbstractPowerLobe, Blinn, Phong
 from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
@@ -166,12 +166,35 @@ def of_missing_highlight(at: Linearised) -> Iterator[Case]:
 def of_attenuation(at: Linearised) -> Iterator[Case]:
     """Yield lamps whose light does not fall off, and lamps whose light falls off by the square of the distance."""
     for power in (0, 2):
-        yield from _of_lamps(at, power, partial(falling, power), 1.0)
+        yield from _of_lamps(at, power, with_lamps(at.fit, partial(falling, power)), 1.0)
 
 
 def of_distance(at: Linearised) -> Iterator[Case]:
     """Yield lamps that are all farther by the same factor, and as strong where the object is."""
-    yield from _of_lamps(at, 0, partial(farther, 1.0 + STEP), STEP)
+    yield from _of_lamps(at, 0, with_lamps(at.fit, partial(farther, 1.0 + STEP)), STEP)
+
+
+def of_near(at: Linearised) -> Iterator[Case]:
+    """Yield lights at infinity that are lamps, whose light does not fall off, or does; an amount is over the distance.
+
+    It is drawn where they are twice as far as the camera. Directions that are free have no place in a scene of lamps.
+    """
+    turning = any(place.field == "direction" for unknown in at.fit.unknowns for place in unknown.all_places)
+    if not turning and all(getattr(item.surface, "position", 0) is not None for item in at.fit.scene.objects):
+        for power in (0, 2):
+            yield from _of_lamps(at, power, with_near_lamps(at.fit, power, FAR_MORE), 1.0 / FAR_MORE)
+
+
+def with_near_lamps(fit: Fit, power: int, factor: float) -> Scene:
+    """Return a fit's scene with lamps for lights at infinity, farther than the camera by a factor; see `falling`."""
+
+    def near(light: Any, center: np.ndarray) -> Any:
+        d = factor * np.linalg.norm(np.asarray(fit.views[0].camera.eye) - center)
+        place = center - d * np.asarray(light.direction) / np.linalg.norm(light.direction)
+        lamp = PointLight(place, light.intensity, ambient=light.ambient, specular=light.specular)
+        return falling(power, lamp, center)
+
+    return with_lamps(fit, near, (DirectionalLight,))
 
 
 def of_size(at: Linearised) -> Iterator[Case]:
@@ -197,12 +220,12 @@ def aside(side: tuple[int, int], light: Any, center: np.ndarray) -> Any:
     return eqx.tree_at(lambda of: getattr(of, place), light, there + sign * SMALL * np.linalg.norm(arm) * across)
 
 
-def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], Any], amount: float) -> Iterator[Case]:
+def _of_lamps(at: Linearised, which: int, scene: Scene, amount: float) -> Iterator[Case]:
     """Yield the change by other lamps, by an amount, but for that of their strength, which the reflections imitate."""
-    lamps = any(isinstance(light, AbstractLamp) for light in at.fit.scene.lights)
-    if not lamps or not at.light.any():
+    same = all(light is before for light, before in zip(scene.lights, at.fit.scene.lights, strict=True))
+    if same or not at.light.any():
         return
-    changed = at.drawn(scene=with_lamps(at.fit, change)) - at.predicted
+    changed = at.drawn(scene=scene) - at.predicted
     weighted = at.weight * at.light
     changed = changed - at.light * (weighted @ changed / (weighted @ at.light))
     if np.abs(changed).max() > SINGLE * np.abs(at.light).max():

@@ -37,21 +37,23 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     """
     exact = fit.evidence.spread[1] <= ROUNDING * fit.squares  # only rounding is left
     outside = any(note.kind == "outline" for note in fit.notes) and not fit.determined.any()
-    if exact or outside or fit.evidence.shared > 0.0:
+    if exact or outside:
         return fit
-    is_noise, shown = residuals.p_value > FALSE_ALARM, beside(fit)
+    steps = fit.evidence.shared > 0.0  # of files, that no noise hides
+    is_noise, shown = steps or residuals.p_value > FALSE_ALARM, beside(fit)
+    sure = is_noise and (fit.evidence.shared > 1.0 - SMALL or not steps)  # else the steps hide what it is
     known = any(samples.zeros >= MIN_PILE or samples.reach for samples in fit.solved.problem.data.samples)
     held, free = bounded(fit), np.flatnonzero(~fit.at_bound)
     beyond = fit.evidence.p_of_holding(held, free) <= FALSE_ALARM  # few pixels tell of a highlight, and all are judged
     level = 1.0 if shown is None else p_of_level(shown)
-    if is_noise and not known and not beyond and level > FALSE_ALARM:
+    if sure and not known and not beyond and level > FALSE_ALARM:
         return fit
     report_progress("what the residuals show")
     if other := other_convention(fit, residuals.squares):
         lost = np.zeros_like(fit.determined)
         return replace(fit, determined=lost, notes=(Note(other, "cause", ("convention",)), *fit.notes))
     shared = residuals.shared or 1.0
-    seen = explain(fit, residuals.squares, shared)
+    seen = explain(fit, residuals.squares, residuals.correlation if steps else shared)
     if is_noise and not seen.found:
         return fit
     gamma = next((f.share for f in seen.found if f.fault.kind == "gamma" or f.fault.mended is not None), None)
@@ -62,7 +64,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     else:
         correlated = np.sqrt(shared if seen.found else residuals.correlation)
         errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
-        if better is not None and better.values is not None:
+        if better is not None:
             errors = np.maximum(errors, np.abs(better.values - fit.values))
         if apart is not None:
             errors = np.hypot(errors, apart.moves)
