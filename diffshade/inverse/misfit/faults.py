@@ -3,123 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 
-from ...core.thresholds import SLIGHT, SMALL, TINY, VAGUE
-from ...core.words import MAX_NAMED, listing
-from ...model.lobes import EXPONENTS, Blinn
-from ..statistics.identifiability import some_channels
-from ..unknowns.unknown import coordinate_slopes
+from ...core.thresholds import SLIGHT, SMALL, TINY
+from ...model.lobes import EXPONENTS
 from . import changes, other_scenes, regional
-from .found import Fault, Found
+from . import fault_words as words
+from .found import Fault
 from .linearised import BLUR_SIGMAS
-
-
-def _of_exposure(f: Found) -> dict[str, Any]:
-    count = len(f.given.views)
-    others = f"views[{1 - f.which}] predicts (or the other view is wrong by the inverse factor)"
-    return {
-        "others": others if count == 2 else "the other views predict" if count > 2 else "the scene predicts",
-        "exposure": f.size * float(f.given.views[f.which].exposure),
-    }
-
-
-def _of_light(f: Found) -> dict[str, Any]:
-    light = (f.given if f.after is None else f.after.fit).scene.lights[f.which]
-    return {"place": light.placement[0], "near": _vector(getattr(light, light.placement[0]), ".3g")}
-
-
-def _of_lobe(f: Found) -> dict[str, Any]:
-    is_blinn = isinstance(f.given.scene.objects[f.which].material.lobe, Blinn)
-    return {"own": "Blinn", "other": "Phong"} if is_blinn else {"own": "Phong", "other": "Blinn"}
-
-
-def _of_viewer(f: Found) -> dict[str, Any]:
-    is_local = f.given.views[0].camera.local_viewer
-    far = "who is far away, as for parallel rays and, by default, in OpenGL, not of one at the camera's eye"
-    return {"where": far if is_local else "at the camera's eye, not of one who is far away", "local": not is_local}
-
-
-def _of_highlight(f: Found) -> dict[str, Any]:
-    factor = other_scenes.EXPONENT_FACTORS[f.which]
-    n_s = factor * _shared_exponent(f)
-    known = not any(place.field == "n_s" for unknown in f.given.unknowns for place in unknown.all_places)
-    free = "Free 'n_s', which is known in this fit. Or: " if known else ""
-    return {"wider": "sharper" if factor > 1 else "wider", "n_s": n_s, "free": free}
-
-
-def _shared_exponent(f: Found) -> float:
-    shiny = (x.material.n_s for x in f.given.scene.objects if other_scenes.shines(x.material.k_s))
-    return float(np.mean(np.asarray(next(shiny))))
-
-
-def _by_colour(f: Found) -> dict[str, Any]:
-    n_s = f.given.values[f.which] * np.exp(f.amount)
-    few = len(n_s) <= MAX_NAMED
-    return {"n_s": _vector(n_s, ".3g") if few else f"({n_s[0]:.3g}, ..., {n_s[-1]:.3g})"}
-
-
-def _of_sphere(f: Found) -> dict[str, Any]:
-    item = f.given.scene.objects[f.which]
-    sphere: Any = item.surface
-    return {
-        "surface": f"objects.{item.name or f.which}.surface",
-        "given": float(sphere.radius),
-        "radius": float(sphere.radius) + f.size,
-        "center": _vector(np.asarray(sphere.center) + f.amount, ".3g"),
-    }
-
-
-def _of_rotation(f: Found) -> dict[str, Any]:
-    places = [n for n in ("direction", "position") if any(hasattr(light, n) for light in f.given.scene.lights)]
-    return {
-        "axis": _vector(f.amount / max(f.length, 1e-300), ".2g"),
-        "places": listing([f"'{name}'" for name in places]),
-    }
-
-
-def _of_black(f: Found) -> dict[str, Any]:
-    if np.ptp(f.amount) <= VAGUE * f.size:
-        even = f"{np.mean(f.amount):.2g}"
-        return {"pixels": f"all pixels are {even}", "remedy": f"Give View(black={even})"}
-    channels = f.given.scene.channels
-    levels = np.where(np.abs(f.amount) > SMALL * f.size, f.amount, 0.0)
-    if len(levels) > MAX_NAMED:
-        return {"pixels": f"the channels are up to {f.size:.2g}", "remedy": "Subtract the level of each channel"}
-    said = [f"{_colour(name)} is {x:.2g}" for name, x in zip(channels, levels, strict=False) if x > 0.0]
-    return {"pixels": listing(said), "remedy": f"Subtract {_vector(levels, '.2g')} from the images"}
-
-
-def _colour(channel: str) -> str:
-    return {"r": "red", "g": "green", "b": "blue"}.get(channel, channel)
-
-
-def _of_bound(f: Found) -> dict[str, Any]:
-    which = beyond_bounds(f)
-    bounds = [f"{bound:.3g}" for bound in dict.fromkeys(f.given.values[which].tolist())]
-    names = some_channels(np.isin(np.arange(len(f.given.values)), which), f.given.unknowns)
-    return {"names": listing(names), "bounds": f"the bound{'s' if len(bounds) > 1 else ''} {listing(bounds)}"}
-
-
-def _of_falloff(f: Found) -> dict[str, Any]:
-    return {"falls": "falls off by the square of the distance" if f.which else "does not fall off"}
-
-
-def beyond_bounds(f: Found) -> Int[np.ndarray, " beyond"]:
-    """Return which values the photographs want beyond their bounds, if a fault is of these: by a percent, or most."""
-    if f.fault.kind != "bound":
-        return np.zeros(0, int)
-    which, fit = changes.bounded(f.given), f.given
-    beyond = f.amount / coordinate_slopes(fit.values, fit.unknowns)[which] / np.abs(fit.values[which])
-    return which[(beyond > 0.0) & ((beyond > SLIGHT) | (beyond == beyond.max()))]
-
-
-def _vector(of: Any, form: str) -> str:
-    return f"({', '.join(format(x, form) for x in np.asarray(of))})"
-
 
 LOOK_AT_IT = (
     "Look for shadows, light from other things and patterns of the material; mask them out with View.mask, or add them "
@@ -135,7 +27,7 @@ FAULTS = (
         "or distance looks the same.",
         changes.of_exposure,
         changes.exposures,
-        _of_exposure,
+        words.of_exposure,
         size=lambda which, amount: 1.0 + float(amount[0]),
         relative=True,
         of_most="{count} of the {of} views are darker or brighter than the other views predict, by factors of "
@@ -149,7 +41,7 @@ FAULTS = (
         "Measure the light again, or free 'lights.{f.which}.{place}', which is near {near}.",
         changes.of_light,
         changes.places,
-        _of_light,
+        words.of_light,
         size=lambda which, amount: float(np.linalg.norm(amount)),
         of_most="{count} of the {of} lights are {smallest:.2g} to {largest:.2g} degrees off, judging by the shading. "
         "Check the axes of directions and normals, that directions point the way the light travels, and whether the "
@@ -195,7 +87,7 @@ FAULTS = (
         "{colour} looks like linear light raised to the power {f.size:.4g} (gamma), the other colours do not",
         "Raise it to the power {inverse:.4g}, or read the images with the camera's own curves.",
         changes.of_gamma_of_one,
-        words=lambda f: {"colour": _colour(f.given.scene.channels[f.which]), "inverse": 1.0 / f.size},
+        words=lambda f: {"colour": words.colour(f.given.scene.channels[f.which]), "inverse": 1.0 / f.size},
         size=lambda which, amount: float(np.exp(amount[0])),
         plausible=(0.15, 6.0),
     ),
@@ -230,7 +122,7 @@ FAULTS = (
         "the highlights fit {other}'s lobe better than {own}'s",
         "Give Material(lobe=ds.{other}()), or compare both with ds.compare.",
         other_scenes.of_lobe,
-        words=_of_lobe,
+        words=words.of_lobe,
         plausible=(0.4, 1.7),  # 1 is exactly the other lobe
     ),
     Fault(
@@ -238,7 +130,7 @@ FAULTS = (
         "the highlights are those of a viewer {where}",
         "Give the camera local_viewer={local}.",
         other_scenes.of_viewer,
-        words=_of_viewer,
+        words=words.of_viewer,
         plausible=(0.4, 1.7),  # 1 is exactly the other viewer
     ),
     Fault(
@@ -263,7 +155,7 @@ FAULTS = (
         "Give the material highlights=ds.Highlight(k_s=0.1, n_s={n_s:.2g}) and free both, or a lobe of your own with "
         "such tails (ds.extension.AbstractLobe).",
         other_scenes.of_microfacets,
-        words=lambda f: {"n_s": _shared_exponent(f) / 4.0},
+        words=lambda f: {"n_s": words.shared_exponent(f) / 4.0},
         plausible=(0.4, 2.5),  # 1 is exactly these
     ),
     Fault(
@@ -287,7 +179,7 @@ FAULTS = (
         "the highlights have a second, {wider} part, with n_s near {n_s:.2g}",
         "{free}Give the material highlights=ds.Highlight(k_s=0.1, n_s={n_s:.2g}) and free both.",
         other_scenes.of_second_highlight,
-        words=_of_highlight,
+        words=words.of_highlight,
         plausible=(0.0, np.inf),
     ),
     Fault(
@@ -295,7 +187,7 @@ FAULTS = (
         "the highlights are wider in one colour than in another: n_s is near {n_s}",
         "Give the material n_s={n_s}, a number for each channel.",
         changes.of_highlight_by_colour,
-        words=_by_colour,
+        words=words.by_colour,
         size=lambda which, amount: float(np.ptp(amount)),
         plausible=(SLIGHT, np.inf),
     ),
@@ -305,7 +197,7 @@ FAULTS = (
         "Measure it again, or free 'surface.radius' and give each View a mask.",
         partial(changes.of_sphere, "radius"),
         partial(changes.of_spheres, "radius"),
-        _of_sphere,
+        words.of_sphere,
         at_rims=False,
     ),
     Fault(
@@ -314,7 +206,7 @@ FAULTS = (
         "Measure it again, or free 'surface.center' and give each View a mask.",
         partial(changes.of_sphere, "center"),
         partial(changes.of_spheres, "center"),
-        _of_sphere,
+        words.of_sphere,
         at_rims=False,
     ),
     Fault(
@@ -323,14 +215,14 @@ FAULTS = (
         "Check the axes of the lights and of the camera, or free {places}.",
         changes.of_rotation,
         changes.places,
-        _of_rotation,
+        words.of_rotation,
     ),
     Fault(
         "attenuation",
         "the lamps' light {falls}, unlike the scene's attenuation",
         "Give the lights RadialAttenuation(0, 0, 1) or (1, 0, 0), or free 'attenuation'.",
         other_scenes.of_attenuation,
-        words=_of_falloff,
+        words=words.of_falloff,
         mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.falling, f.which)),
         plausible=(0.2, 2.0),  # 1 is exactly the square of the distance, or no attenuation
     ),
@@ -348,7 +240,7 @@ FAULTS = (
         "the lights are about {f.size:.2g} times as far away as the camera, not at infinity, and their light {falls}",
         "Give them as ds.PointLight, with RadialAttenuation(0, 0, 1) if it falls off.",
         other_scenes.of_near,
-        words=_of_falloff,
+        words=words.of_falloff,
         mended=lambda f: other_scenes.with_near_lamps(f.given, f.which, f.size),
         size=lambda which, amount: 1.0 / float(amount[0] or TINY),
         plausible=(SMALL, np.inf),
@@ -403,7 +295,7 @@ FAULTS = (
         "the photographs want {names} beyond {bounds}",
         "Check the bounds; where they are right, something else in the description is wrong.",
         changes.of_bound,
-        words=_of_bound,
+        words=words.of_bound,
         size=lambda which, amount: float(np.max(amount)),
         plausible=(0.0, np.inf),
     ),
@@ -412,7 +304,7 @@ FAULTS = (
         "{pixels} brighter than the scene says{too} (a black level, haze, or a lit background)",
         "{remedy}, or give the scene its background.",
         changes.of_black,
-        words=lambda f: {"too": ", beside the object too" if f.fault.beside else "", **_of_black(f)},
+        words=lambda f: {"too": ", beside the object too" if f.fault.beside else "", **words.of_black(f)},
         size=lambda which, amount: float(np.max(amount)),
         plausible=(0.0, np.inf),
         beside=True,

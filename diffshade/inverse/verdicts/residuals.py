@@ -17,7 +17,7 @@ from ..misfit.changes import bounded
 from ..misfit.conventions import other_convention
 from ..misfit.encodings import Mended, better_than_gamma
 from ..misfit.explained import Explained, explain
-from ..misfit.faults import beyond_bounds
+from ..misfit.fault_words import beyond_bounds
 from ..misfit.found import Found
 from ..misfit.noise_tests import FALSE_ALARM, Whiteness
 from ..result import Fit
