@@ -22,12 +22,11 @@ from ..model.lobes import Blinn
 from ..model.materials import Material
 from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture, place_of
 from .exports import stated
-from .hex_colours import from_hex
 from .lobe_refits import N_S_RANGE, Shape
 from .metallic_roughness import classic, metal_of, surface_of, what_of
 from .readings import Reading, as_number, as_table, first_of, load_json
 from .reference import differences, reference
-from .threejs import fresnel, highlights
+from .threejs import fresnel, from_hex, highlights
 
 KINDS = (
     "MeshPhongMaterial",

@@ -14,8 +14,8 @@ import pytest
 from exchange_programs import WIDTH, View, opengl, opengl_draw, opengl_program, povray, threejs, vtk
 
 import diffshade as ds
-from diffshade.exchange.hex_colours import from_hex
 from diffshade.exchange.reference import reference_of
+from diffshade.exchange.threejs import from_hex
 
 pytestmark = pytest.mark.slow
 

@@ -7,10 +7,10 @@ from unittest.mock import MagicMock
 import numpy as np
 
 import diffshade as ds
-from diffshade.exchange.hex_colours import from_hex
 from diffshade.exchange.metallic_roughness import MetallicRoughness
 from diffshade.exchange.povray import tint
 from diffshade.exchange.reference import ANGLES, EDGE, Reference, radiance
+from diffshade.exchange.threejs import from_hex
 
 
 def fresh_points(material, count=4096):

@@ -13,9 +13,9 @@ from exchange_formulas import gl_calls, three_code, written_materials
 
 import diffshade as ds
 from diffshade.exchange import threejs
-from diffshade.exchange.hex_colours import from_hex, to_hex
 from diffshade.exchange.metallic_roughness import MetallicRoughness, ggx, kept
 from diffshade.exchange.reference import Reference, differences, radiance, reference, reference_of
+from diffshade.exchange.threejs import from_hex, to_hex
 
 PHONG = ds.Material((0.1, 0.05, 0.02), (0.7, 0.25, 0.2), 0.4, 40, k_e=(0, 0.1, 0))
 BLINN = dataclasses.replace(PHONG, lobe=ds.Blinn(), n_s=77.3, k_s=(0.3, 0.5, 0.1))
