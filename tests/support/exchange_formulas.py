@@ -77,6 +77,13 @@ def written_materials(path):
     return code(path.read_text()) if code else ds.exchange.read_materials(path)
 
 
+def written_k_d(path):
+    """Return the diffuse colours that `write_material` wrote, by name."""
+    if path.suffix == ".js":
+        return {name: code["color"] for name, code in three_code(path.read_text()).items()}
+    return {name: material.k_d for name, material in written_materials(path).items()}
+
+
 def _of_opengl(text):
     found = {}
     for name, body in _named(r"static void (\w+)_material\(", text):
@@ -96,9 +103,9 @@ def _of_vtk(text):
         code[word](property_)
         given = {name.removeprefix("Set"): np.array(values) for name, values, _ in property_.method_calls}
         assert "InterpolationToPhong" in given
-        k = [given[term] * given[f"{term}Color"] for term in ("Ambient", "Diffuse", "Specular")]
+        k_a, k_d, k_s = (given[term] * given[f"{term}Color"] for term in ("Ambient", "Diffuse", "Specular"))
         (n_s,), (opacity,) = given["SpecularPower"], given["Opacity"]
-        found[word.removeprefix("set_")] = ds.Material(*k, n_s, ds.Phong(), k_t=(1.0 - opacity) or None)
+        found[word.removeprefix("set_")] = ds.Material(k_a, k_d, k_s, n_s, ds.Phong(), k_t=(1.0 - opacity) or None)
     return found
 
 
@@ -111,8 +118,8 @@ def _of_povray(text):
         shine += [ds.Highlight(one["specular"], 1 / one["roughness"], ds.Blinn())] if "specular" in one else []
         first, *others = shine or [ds.Highlight(0.0)]
         more = {"k_e": k_e * pigment[:3], "k_t": pigment[3] or None, "eta": one.get("ior"), "highlights": tuple(others)}
-        k = k_a * pigment[:3], one["diffuse"] * pigment[:3], first.k_s
-        found[name] = ds.Material(*k, first.n_s, first.lobe, **more)
+        k_d = one["diffuse"] * pigment[:3]
+        found[name] = ds.Material(k_a * pigment[:3], k_d, first.k_s, first.n_s, first.lobe, **more)
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import synthetic
 from click.shell_completion import BashComplete
-from exchange_formulas import three_code, written_materials
+from exchange_formulas import written_k_d, written_materials
 from folders import ball_under_distant_lights
 
 import diffshade as ds
@@ -574,10 +574,7 @@ def test_all_materials_of_a_file_are_converted(typed):
     assert done.status == 0
     for name in wanted:
         assert f"{name}: 4 materials" in done.out
-        if name == "four.js":
-            again = {of: code["color"] for of, code in three_code(Path(name).read_text()).items()}
-        else:
-            again = {of: material.k_d for of, material in written_materials(Path(name)).items()}
+        again = written_k_d(Path(name))
         assert [of.replace("_", ".") for of in again] == [f"Material.{i:03}" for i in range(4)]
         np.testing.assert_allclose([k_d[2] for k_d in again.values()], [0, 0.25, 0.5, 0.75], atol=0.01)
     assert "# Material_003 is 'Material.003'" in Path("four.toml").read_text()
