@@ -32,10 +32,11 @@ def convert(
 ) -> None:
     """Write materials, or maps, for other programs.
 
-    .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
-    glTF 2.0, .toml a diffshade scene. All materials of FROM are written, or the one of --name, with the pictures of
-    their base colours (.mtl, .gltf, .json). From a folder of maps: a mesh as .glb, .gltf, .json (three.js), .obj, .ply;
-    what viewers show under any light as .ptm (RTIViewer) or, without a suffix, a folder (Relight, OpenLIME).
+    FROM is .mtl Wavefront, .gltf or .glb glTF 2.0, .json three.js or .toml a diffshade scene; TO is .mtl, .gltf, .json,
+    .toml, or code: .c OpenGL, .js three.js, .py VTK and PyVista, .inc POV-Ray. All materials of FROM are written, or
+    the one of --name, with the pictures of their base colours (.mtl, .gltf, .json). From a folder of maps: a mesh as
+    .glb, .gltf, .json (three.js), .obj, .ply; what viewers show under any light as .ptm (RTIViewer) or, without a
+    suffix, a folder (Relight, OpenLIME).
 
     They look the same there: if that program shades differently, a material is refitted, and the remaining error is
     printed and written to the file.

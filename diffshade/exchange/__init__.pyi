@@ -6,7 +6,6 @@ from ..io.rti_files import RelightableImage as RelightableImage
 from ..io.rti_files import read_rti as read_rti
 from ..model.named_materials import material_error as material_error
 from .lobe_refits import with_lobe as with_lobe
-from .material_files import read_lights as read_lights
 from .material_files import read_material as read_material
 from .material_files import read_materials as read_materials
 from .material_files import write_material as write_material

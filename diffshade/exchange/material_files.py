@@ -20,20 +20,16 @@ from .base_colours import BaseColour
 from .carried_pictures import carried, write_copies
 from .gltf import read_gltf, write_gltf
 from .mtl import read_mtl, write_mtl
-from .opengl import read_opengl, read_opengl_lights, write_opengl
-from .povray import read_povray, write_povray
+from .opengl import write_opengl
+from .povray import write_povray
 from .readings import Reading
 from .threejs import write_js, write_json
-from .threejs_reading import read_js, read_json
-from .vtk import read_vtk, write_vtk
+from .threejs_reading import read_json
+from .vtk import write_vtk
 
 READERS = {
     ".mtl": read_mtl,
-    ".c": read_opengl,
     ".json": read_json,
-    ".js": read_js,
-    ".py": read_vtk,
-    ".inc": read_povray,
     ".gltf": read_gltf,
     ".glb": read_gltf,
 }
@@ -199,9 +195,9 @@ def read_materials(path: str | Path) -> dict[str, Material]:
     64 times the file's size of memory.
 
     Args:
-        path: The file: `.mtl`, `.c`, `.json`, `.js`, `.py`, `.inc` or `.gltf`, as for `write_material`, also `.glb`, a
-            scene of three.js (`.json`), or a scene (`.toml`, as for `write_scene`), whose objects' materials are named
-            as the objects, or else object_0 and so on.
+        path: The file: `.mtl`, `.json` or `.gltf`, as for `write_material`, also `.glb`, a scene of three.js (`.json`),
+            or a scene (`.toml`, as for `write_scene`), whose objects' materials are named as the objects, or else
+            object_0 and so on.
 
     Returns:
         The materials by name; one without a name is named material, or material_0 and so on.
@@ -242,21 +238,3 @@ def warn(reading: Reading, name: str | None = None, *, textured: bool = False) -
         _LOGGER.warning("%s", note)
     for sentence in reading.refused.values() if name is None else ():
         _LOGGER.warning("%s This material is left out.", sentence)
-
-
-def read_lights(path: str | Path) -> tuple[AbstractLight, ...]:
-    """Read the lights that C code sets by glLight: position, colour, attenuation and spot (OpenGL's fixed function).
-
-    Args:
-        path: A `.c` file.
-
-    Returns:
-        The lights, in the order of their numbers.
-
-    Raises:
-        ValueError: If the suffix is not .c, or the file is malformed.
-        FileNotFoundError: If the file does not exist.
-    """
-    if Path(path).suffix.lower() != ".c":
-        raise ValueError(f"lights are read from C code; got '{Path(path).suffix}'. Give a .c file, or use read_scene.")
-    return read_opengl_lights(read_text(path, "C file"), f"{path}")

@@ -5,14 +5,11 @@ It computes exactly E1 to E6 and E9, at the vertices of the mesh.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..core.words import errors_at
-from ..io.parsing import NUMBER, number, short, without_long_comments
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.lobes import Blinn
@@ -20,13 +17,9 @@ from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain, together
 from .lobe_refits import with_lobe
 from .names import identifiers, original
-from .readings import Reading, read_declared
 
 MAX_N_S = 128.0  # GL_SHININESS and GL_SPOT_EXPONENT at most
 MAX_LIGHTS = 8
-_ARRAY = re.compile(r"\b(\w{1,80})\s*\[\s*\d*\s*\]\s*=\s*\{([^{}]*)\}", re.ASCII)
-_CALL = re.compile(r"\bgl(Material|Light)f(v?)\s*\(\s*(\w{1,80})\s*,\s*(\w{1,80})\s*,\s*([^;]{1,400})\)\s*;", re.ASCII)
-_FUNCTION = re.compile(r"\bvoid\s{1,9}(\w{1,80})_material\s{0,9}\(", re.ASCII)
 _COLOURS = {"GL_AMBIENT": "k_a", "GL_DIFFUSE": "k_d", "GL_SPECULAR": "k_s", "GL_EMISSION": "k_e"}
 
 
@@ -114,91 +107,3 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
         calls += [f"    glLightf(GL_LIGHT{i}, GL_{key}, {_floats(value)});" for key, value in single.items()]
         calls.append(f"    glEnable(GL_LIGHT{i});")
     return calls, notes
-
-
-def read_opengl(text: str, where: str) -> Reading:
-    """Read the material that each function NAME_material sets by glMaterial, or else the one that all calls set.
-
-    Other parameters have OpenGL's defaults.
-    """
-    return read_declared(text, _FUNCTION, where, _read)
-
-
-def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
-    all_ = _calls(text, "Material", where)
-    set_ = [call for call in all_ if call[0] != "GL_BACK"] or all_
-    if len(set_) < len(all_):
-        note("the material of GL_BACK is not read.")
-    if not set_:
-        raise ValueError(f"{where} has no call of glMaterial. Give C code with glMaterialfv(face, GL_DIFFUSE, ...).")
-    values = {"GL_AMBIENT": [0.2] * 3, "GL_DIFFUSE": [0.8] * 3, "GL_SPECULAR": [0.0] * 3, "GL_EMISSION": [0.0] * 3}
-    values["GL_SHININESS"] = [0.0]
-    for _, key, value in set_:
-        if key not in (*values, "GL_AMBIENT_AND_DIFFUSE"):
-            note(f"{short(key)} is not read.")
-        for name in ("GL_AMBIENT", "GL_DIFFUSE") if key == "GL_AMBIENT_AND_DIFFUSE" else (key,):
-            values[name] = value
-    for name in _COLOURS:
-        if len(values[name]) not in (3, 4):
-            raise ValueError(f"{where}: {name} must be four numbers; got {len(values[name])}. Give R, G, B and alpha.")
-    n_s = values["GL_SHININESS"][0]
-    if not 0 <= n_s <= MAX_N_S:
-        raise ValueError(f"{where}: GL_SHININESS must be 0 to 128, as in OpenGL; got {n_s:g}. Correct the file.")
-    alpha = values["GL_DIFFUSE"][3] if len(values["GL_DIFFUSE"]) == 4 else 1.0
-    glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
-    given = {field: values[key][:3] for key, field in _COLOURS.items()}
-    return Material(**given, n_s=n_s, lobe=Blinn(), **glass)
-
-
-def read_opengl_lights(text: str, where: str) -> tuple[AbstractLight, ...]:
-    """Read the lights that calls of glLight set, in the order of their numbers."""
-    lights: dict[str, dict[str, list[float]]] = {}
-    for target, key, value in _calls(text, "Light", where):
-        lights.setdefault(target, {})[key] = value
-    with errors_at(where):
-        return tuple(_light(lights[target], float(target == "GL_LIGHT0")) for target in sorted(lights))
-
-
-def _light(set_: dict[str, list[float]], white: float) -> AbstractLight:
-    """Make a light of what is set; `white` is OpenGL's default of its diffuse and specular colours."""
-
-    def one(key: str, default: float) -> float:
-        return set_.get(f"GL_{key}", [default])[0]
-
-    place = [*set_.get("GL_POSITION", [0.0, 0.0, 1.0, 0.0]), 0.0, 0.0, 0.0, 0.0][:4]
-    rgb, specular, ambient = (
-        [*set_.get(f"GL_{key}", [default] * 3), 0.0, 0.0, 0.0][:3]
-        for key, default in (("DIFFUSE", white), ("SPECULAR", white), ("AMBIENT", 0.0))
-    )
-    apart: dict[str, Any] = {"specular": specular} if specular != rgb else {}
-    apart |= {"ambient": ambient} if any(ambient) else {}
-    if place[3] == 0:
-        return DirectionalLight(-np.asarray(place[:3]), rgb, **apart)
-    position = np.asarray(place[:3]) / place[3]
-    names = RadialAttenuation.numbers()
-    constant, linear, quadratic = (one(f"{name.upper()}_ATTENUATION", float(i == 0)) for i, name in enumerate(names))
-    fades = RadialAttenuation(constant, linear, quadratic)
-    cutoff = one("SPOT_CUTOFF", 180.0)
-    if cutoff == 180:
-        return PointLight(position, rgb, fades, **apart)
-    axis = [*set_.get("GL_SPOT_DIRECTION", [0.0, 0.0, -1.0]), 0.0, 0.0, 0.0][:3]
-    return SpotLight(position, axis, rgb, cutoff, one("SPOT_EXPONENT", 0.0), fades, **apart)
-
-
-def _calls(text: str, of: str, where: str) -> list[tuple[str, str, list[float]]]:
-    """Return the target, the name and the numbers of each call; an array is named, or written in the call."""
-    text = re.sub(r"//[^\n]*", " ", without_long_comments(text))
-    arrays = dict(_ARRAY.findall(text))
-    found = []
-    for kind, _, target, key, argument in _CALL.findall(text):
-        if kind != of:
-            continue
-        argument = argument.strip()
-        inside = argument.partition("{")[2].rpartition("}")[0] if "{" in argument else arrays.get(argument, argument)
-        words = [word.strip().removesuffix("f").removesuffix("F") for word in inside.split(",") if word.strip()]
-        if not words or not all(NUMBER.fullmatch(word) for word in words):
-            raise ValueError(
-                f"{where}: {key} must be given numbers; got {short(argument)}. Write them out in the array."
-            )
-        found.append((target, key, [number(word, f"{where}: {key}") for word in words]))
-    return found

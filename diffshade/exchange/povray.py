@@ -8,37 +8,20 @@ over 90 degrees.
 from __future__ import annotations
 
 import dataclasses
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from ..core.thresholds import SINGLE
-from ..io.parsing import NUMBER, number, numbers, short
 from ..model.fresnel import NoFresnel
 from ..model.lobes import Blinn, Phong
-from ..model.materials import Highlight, Material
+from ..model.materials import Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated, together
 from .lobe_refits import check_plain, lowest, named, with_lobe
 from .names import identifiers, original
-from .readings import Reading, first_of, read_declared
 from .reference import Cosines, Reference, differences, radiance, reference_of
-
-_VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
-_DECLARED = re.compile(r"#declare\s{1,9}(\w{1,80})\s{0,9}=\s{0,9}texture\b", re.ASCII)
-_PIGMENT = re.compile(r"\bpigment\s*\{\s*(?:color\s+)?" + _VECTOR, re.ASCII)
-_COLOUR = re.compile(r"\b(ambient|emission)\s+" + _VECTOR, re.ASCII)
-_NUMBER = re.compile(
-    r"\b(ambient|emission|diffuse|phong|phong_size|specular|roughness|metallic|ior)[ \t]+([\w.+-]{1,40})", re.ASCII
-)
-
-_WORD = re.compile(r"[A-Za-z_]\w{0,40}", re.ASCII)
-_READ = re.compile(
-    "declare|texture|pigment|finish|interior|colou?r|rgbt?|ambient|emission|diffuse|phong(_size)?|specular|roughness|"
-    "metallic|ior"
-)
 
 
 def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Float[np.ndarray, "n 3"]:
@@ -135,57 +118,3 @@ def _metallic(
 
     metallic = min((lowest(cost, 0.0, 1.0), 0.0, 1.0), key=cost)  # of a grey pigment all are alike
     return strength(metallic), metallic
-
-
-def read_povray(text: str, where: str) -> Reading:
-    """Read each declared texture, or else the first: one pigment and one finish, as `write_material` writes them."""
-    return read_declared(re.sub(r"//[^\n]*", "", text), _DECLARED, where, _read)
-
-
-def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
-    texture = text[: end + 2] if (end := text.find("\n}")) > 0 else text
-    found = _PIGMENT.search(texture)
-    if found is None:
-        raise ValueError(f"{where} has no pigment {{ rgb <r, g, b> }}. Give a texture with one colour and a finish.")
-    rgb = _vector(found.group(1), where)
-    pigment, transmit = np.asarray(rgb[:3]), rgb[3] if len(rgb) > 3 else 0.0
-    colours = {"ambient": np.full(3, 0.1), "emission": np.zeros(3)}
-    one = {"diffuse": 0.6, "phong": 0.0, "phong_size": 40.0, "specular": 0.0, "roughness": 0.05, "metallic": 0.0}
-    for key, word in _NUMBER.findall(text):
-        if word != "rgb":
-            if not NUMBER.fullmatch(word):
-                raise ValueError(f"{where}: {key} must be a number; got {short(word)}. Write it out.")
-            value = number(word, f"{where}: {key}")
-            if key in colours:
-                colours[key] = np.full(3, value)
-            else:
-                one[key] = value
-    for key, inside in _COLOUR.findall(texture):
-        colours[key] = np.asarray(_vector(inside, where)[:3])
-    blinn = bool(one["specular"])
-    if blinn and one["roughness"] <= 0:
-        raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
-    words = _WORD.findall(re.sub(r"<[^<>]*>", "", _DECLARED.sub("", texture)))
-    if unread := [word for word in words if not _READ.fullmatch(word)]:
-        note(f"words that are not read: {first_of(unread)}.")
-    if one["metallic"]:
-        note("the tint of a metallic highlight varies with the angle; its value at normal incidence is read.")
-    hue = 1.0 + one["metallic"] * (pigment - 1.0)
-    given: dict[str, Any] = {"k_e": colours["emission"] * pigment}
-    given |= {"k_t": transmit} if transmit else {}
-    given |= {"eta": one["ior"]} if "ior" in one else {}
-    found = [Highlight(one["specular"] * hue, 1.0 / one["roughness"], Blinn())] if blinn else []
-    if one["phong"] or not blinn:
-        found.insert(0, Highlight(one["phong"] * hue, one["phong_size"], Phong()))
-    first, given["highlights"] = found[0], tuple(found[1:])
-    k_a, k_d = colours["ambient"] * pigment, one["diffuse"] * pigment
-    return Material(k_a, k_d, first.k_s, first.n_s, first.lobe, **given)
-
-
-def _vector(inside: str, where: str) -> list[float]:
-    words = inside.replace(",", " ").split()
-    if len(words) not in (3, 4):
-        raise ValueError(
-            f"{where}: a colour must be three numbers, or four with transmit; got <{short(inside)}>. Correct the file."
-        )
-    return numbers(words, f"{where}: a colour")

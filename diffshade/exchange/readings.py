@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -71,30 +69,6 @@ class Reading:
     def unused(self, name: str) -> str:
         """Return a name that no material has yet: with a number after it if need be."""
         return unused(name, self.materials.keys() | self.refused.keys())
-
-
-def read_declared(
-    text: str, declared: re.Pattern[str], where: str, read: Callable[[str, str, Callable[[str], None]], Material]
-) -> Reading:
-    """Read the material of each declaration in a program's code; code with fewer than two is one material.
-
-    Args:
-        text: The code.
-        declared: What a declaration begins with; its first group is the name.
-        where: The file.
-        read: Reads one material from its part of the code, where it is, and what takes notes.
-    """
-    reading, starts = Reading(where), list(declared.finditer(text))
-    if len(starts) < 2:
-        name = starts[0].group(1) if starts else "material"
-        with errors_at(where):
-            reading.materials[name] = read(text, where, partial(reading.note, name))
-        return reading
-    ends = [*(start.start() for start in starts[1:]), len(text)]
-    for start, end in zip(starts, ends, strict=True):
-        name, part = reading.unused(start.group(1)), text[start.start() : end]
-        reading.add(name, partial(read, part, reading.at(name), partial(reading.note, name)))
-    return reading
 
 
 def first_of(names: Iterable[str]) -> str:

@@ -12,16 +12,28 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from ..io.encodings import srgb_decode, srgb_encode
 from ..model.materials import Material
 from .base_colours import BaseColour
 from .carried_pictures import into_three, notes_on_base
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated, together
-from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, check_plain, is_matte, named
 from .metallic_roughness import Colour3
 from .names import identifiers, original
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of
+
+
+def to_hex(colour: Float[np.ndarray, "3"]) -> int:
+    """Return the nearest 0xRRGGBB of a linear colour, clamped to 0 to 1, on the sRGB curve."""
+    r, g, b = (int(x) for x in np.rint(255.0 * np.asarray(srgb_encode(np.clip(colour, 0.0, 1.0)))))
+    return (r << 16) + (g << 8) + b
+
+
+def from_hex(value: int) -> Float[np.ndarray, "3"]:
+    """Return the linear colour of 0xRRGGBB."""
+    return np.asarray(srgb_decode(np.array([value >> 16, value >> 8 & 255, value & 255]) / 255.0))
 
 
 def fresnel(cosine: Cosines) -> Cosines:

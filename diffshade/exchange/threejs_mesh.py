@@ -23,7 +23,6 @@ from ..io.files import write_file
 from ..io.gltf_files import uri_of
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
-from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, lowest
 from .map_textures import (
     GREY,
@@ -37,7 +36,7 @@ from .map_textures import (
     write_pictures,
 )
 from .reference import Reference, joined, radiance, reference_of
-from .threejs import fresnel, lobe
+from .threejs import fresnel, from_hex, lobe, to_hex
 
 # three.js's constants: stretched by the mesh's UV, clamped at the edges, linear, and by MIP maps where it is small
 SAMPLING = {"mapping": 300, "wrap": [1001, 1001], "minFilter": 1008, "magFilter": 1006}

@@ -1,4 +1,4 @@
-"""three.js, read: the materials of its JSON, of scenes and of JavaScript, as the classic ones nearest to them.
+"""three.js, read: the materials of its JSON and of its scenes, as the classic ones nearest to them.
 
 MeshLambertMaterial is a matte material and MeshBasicMaterial an unlit one, exactly; MeshPhongMaterial,
 MeshStandardMaterial and MeshPhysicalMaterial are refitted. Numbers and words of a colour are on the sRGB curve.
@@ -22,13 +22,11 @@ from ..model.lobes import Blinn
 from ..model.materials import Material
 from .base_colours import CLAMP, MIRROR, REPEAT, BaseColour, ColourPicture, place_of
 from .exports import stated
-from .hex_colours import from_hex
-from .javascript import Expression, created
 from .lobe_refits import N_S_RANGE, Shape
 from .metallic_roughness import classic, metal_of, surface_of, what_of
 from .readings import Reading, as_number, as_table, first_of, load_json
 from .reference import differences, reference
-from .threejs import fresnel, highlights
+from .threejs import fresnel, from_hex, highlights
 
 KINDS = (
     "MeshPhongMaterial",
@@ -55,10 +53,10 @@ _OWN = re.compile(
 )
 _NEUTRAL: dict[str, tuple[Any, ...]] = {
     **dict.fromkeys(("sheen", "iridescence", "anisotropy", "dispersion", "thickness"), (0,)),
-    **dict.fromkeys(("wireframe", "vertexColors", "flatShading"), (False, "THREE.NoColors")),
+    **dict.fromkeys(("wireframe", "vertexColors", "flatShading"), (False,)),
     **dict.fromkeys(("visible", "colorWrite"), (True,)),
-    "blending": (1, "NormalBlending", "THREE.NormalBlending"),
-    "shading": (2, "smooth", "THREE.SmoothShading"),
+    "blending": (1, "NormalBlending"),
+    "shading": (2, "smooth"),
 }
 
 
@@ -126,30 +124,17 @@ def _materials_in(document: Any) -> Iterator[tuple[str, dict[str, Any]]]:
                 stack += [(key, item) for key, item in reversed(value.items()) if isinstance(item, dict | list)]
 
 
-def read_js(text: str, where: str) -> Reading:
-    """Read the materials that JavaScript creates with values written out; or JSON, which older files have as .js."""
-    if text.lstrip().startswith("{"):
-        return read_json(text, where)
-    reading = Reading(where)
-    for variable, kind, settings in created(text, where):
-        if kind.startswith("Mesh") or kind in ("ShaderMaterial", "RawShaderMaterial"):
-            _add(reading, settings.get("name") or variable, kind, settings)
-    if not reading.materials and not reading.refused:
-        raise ValueError(f"{where} creates no material of three.js. Give code with new THREE.MeshPhongMaterial(...).")
-    return reading
-
-
 def _add(
     reading: Reading,
     name: Any,
     kind: str,
     settings: dict[str, Any],
-    pictures: Mapping[str, ColourPicture | str] | None = None,
+    pictures: Mapping[str, ColourPicture | str],
 ) -> None:
-    name = name if isinstance(name, str) and name and not isinstance(name, Expression) else "material"
+    name = name if isinstance(name, str) and name else "material"
     name = reading.unused(name)
     reading.add(name, lambda: _read(kind, settings, name, reading))
-    found = (pictures or {}).get(str(settings.get("map")), "names no picture that is read")
+    found = pictures.get(str(settings.get("map")), "names no picture that is read")
     picture = None if isinstance(found, str) else found
     fields = ("k_e",) if kind == "MeshBasicMaterial" else ("k_d",)
     reading.base.setdefault(name, BaseColour())
@@ -210,7 +195,7 @@ def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> M
 
 def _colour(value: Any, where: str) -> Float[np.ndarray, "3"]:
     """Return the linear colour of a number or word of sRGB, or of three linear numbers."""
-    if isinstance(value, str) and not isinstance(value, Expression) and (word := _WORD.fullmatch(value.strip())):
+    if isinstance(value, str) and (word := _WORD.fullmatch(value.strip())):
         digits = word.group(1)
         return from_hex(int(digits if len(digits) == 6 else "".join(2 * c for c in digits), 16))
     if type(value) is float and value == int(value):

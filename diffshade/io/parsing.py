@@ -87,12 +87,6 @@ def above_0(word: str) -> float | None:
     return found if 0 < found < math.inf else None
 
 
-def without_long_comments(text: str) -> str:
-    """Return code without what stands between /* and */; a regular expression would take quadratic time."""
-    first, *comments = text.split("/*")
-    return " ".join([first, *(comment.partition("*/")[2] for comment in comments)])
-
-
 def short(word: str) -> str:
     """Return a word for a message: one line, at most 40 characters."""
     shown = repr(word)

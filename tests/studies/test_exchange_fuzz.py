@@ -20,11 +20,7 @@ import diffshade as ds
 MULTIPLE, CONSTANT = 64, 2**20  # memory: so many times the file, and what any call takes
 WORDS = {
     ".mtl": "newmtl a b Ka Kd Ks Ke Ns Ni d Tr Tf illum -halo map_Kd spectral xyz ../../../etc/passwd /dev/zero # \\\n",
-    ".c": "glMaterialfv glMaterialf glLightfv ( ) , { } [ ] = ; GL_FRONT GL_DIFFUSE GL_SHININESS GL_LIGHT0 /* */ //",
-    ".py": "p.SetDiffuse( p.SetDiffuseColor( p.SetSpecularPower( SetOpacity( ) , # import os; exec",
-    ".inc": "texture pigment finish { } rgb rgbt < > ambient diffuse phong phong_size specular roughness metallic ior",
     ".json": '{ } [ ] : , "type" "MeshPhongMaterial" "color" "specular" "shininess" "opacity" null true 16777215',
-    ".js": "MeshPhongMaterial color: specular: new THREE.Color().setRGB( , ) THREE.LinearSRGBColorSpace shininess:",
     ".gltf": '{ } [ ] : , "asset" "version" "2.0" "materials" "name" "extensions" "pbrMetallicRoughness" null true 1e9',
     ".glb": 'glTF \x02\0\0\0 \x14\0\0\0 JSON BIN\0 {"asset":{"version":"2.0"},"materials":[{}]} { } [ ]',
     ".ies": "IESNA:LM-63-2002 TILT=NONE TILT=INCLUDE TILT=../x [TEST] 90 180 360 13 37",
@@ -32,7 +28,7 @@ WORDS = {
     ".toml": '[camera] [[objects]] [[lights]] type = "SpotLight" surface = "Sphere" material { } , k_d eye cutoff',
 }
 NUMERALS = "0 1 -1 2 0.5 1e9 1e999 -1e-999 nan inf 1_0 0x10 ٣ 99999999999999999999 .5 5. + - e5 " + "9" * 5000
-EXAMPLES = {".js": 25, ".json": 40, ".gltf": 25, ".glb": 25, ".toml": 120}
+EXAMPLES = {".json": 40, ".gltf": 25, ".glb": 25, ".toml": 120}
 
 
 @pytest.fixture(scope="module")
@@ -114,11 +110,7 @@ def test_any_file_for_half_an_hour(good, tmp_path):
 
 LARGE = {
     ".mtl": lambda n: b"newmtl a\n" + b"Kd 1 1 1 # x\n" * n,
-    ".c": lambda n: b"glMaterialf(GL_FRONT, GL_SHININESS, 1);\n" + b"/* { [ = " * n,
-    ".py": lambda n: b"p.SetDiffuse(1)\n" + b"p.SetDiffuse(" * n,
-    ".inc": lambda n: b"pigment { rgb <1, 1, 1> }\n" + b"pigment { rgb <" * n,
     ".json": lambda n: b'{"type": "MeshPhongMaterial", "a": ' + b"[" * n,
-    ".js": lambda n: b"new THREE.MeshPhongMaterial({" + b"color: new THREE.Color().setRGB(" * n,
     ".gltf": lambda n: b'{"asset": {"version": "2.0"}, "materials": [{"a": 1}], "b": ' + b"[" * n,
     ".glb": lambda n: glb(b'{"asset": {"version": "2.0"}, "materials": [{"a": 1}], "b": ' + b"[" * n),
     ".ies": lambda n: b"TILT=NONE\n1 1 1 2 1 1 1 0 0 0 1 1 1\n" + b"1 " * n,
@@ -128,14 +120,11 @@ LARGE = {
 
 
 DEEP = {
-    ".js": b"a = new THREE.MeshPhongMaterial({ b: [" * 30_000,
     ".gltf": b'{"materials":[' * 100_000,
     ".glb": glb(b'{"materials":[' * 100_000),
     ".json": b'{"type":' * 100_000,
     ".toml": b"a = " + b"[" * 100_000,
-    ".c": b"/* " * 300_000,
     ".ies": b"TILT=NONE\n" * 100_000,
-    ".inc": b"pigment { rgb < " * 100_000,
 }
 
 

@@ -14,8 +14,8 @@ import pytest
 from exchange_programs import WIDTH, View, opengl, opengl_draw, opengl_program, povray, threejs, vtk
 
 import diffshade as ds
-from diffshade.exchange.hex_colours import from_hex
 from diffshade.exchange.reference import reference_of
+from diffshade.exchange.threejs import from_hex
 
 pytestmark = pytest.mark.slow
 
@@ -174,9 +174,7 @@ def test_opengl_lights_are_the_librarys(tmp_path):
     (image,) = opengl_draw(program, [view], positions=p.reshape(-1, 3))
     found = image.reshape(WIDTH, WIDTH, 3)[::-1]
     camera = ds.OrthographicCamera((0, 0, 4), shape=(WIDTH, WIDTH), height=2)
-    for used in (lights, ds.exchange.read_lights(tmp_path / "ball.c")):
-        picture = np.asarray(
-            ds.render(ds.Scene(ds.Object(ds.GBuffer(n[::-1], p[::-1], inside[::-1]), material), used), camera)
-        )
-        np.testing.assert_allclose(found[inside[::-1]], picture[inside[::-1]], atol=3e-5)
+    scene = ds.Scene(ds.Object(ds.GBuffer(n[::-1], p[::-1], inside[::-1]), material), lights)
+    picture = np.asarray(ds.render(scene, camera))
+    np.testing.assert_allclose(found[inside[::-1]], picture[inside[::-1]], atol=3e-5)
     assert found.max() > 1

@@ -93,8 +93,7 @@ def _mesh_of(path: Path) -> Path:
 
 MESHES = ("a.obj", "b.obj", "a.ply", "b.ply", "c.ply", "a.stl", "b.stl", "a.glb", "b.glb", "a.gltf", "a.off")
 TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
-    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf", ".glb"), (ds.exchange.read_materials,)),
-    ".c": (ds.exchange.read_material, ds.exchange.read_lights),
+    **dict.fromkeys((".mtl", ".json", ".gltf", ".glb"), (ds.exchange.read_materials,)),
     **dict.fromkeys((".ies", ".ldt"), (ds.lamps.read_lamp,)),
     ".toml": (ds.read_scene, ds.read_camera),
 }
@@ -123,9 +122,8 @@ def good_texts(folder: Path) -> dict[str, bytes]:
     """Return a file of each text format that is read."""
     row, C = beam(0, VERTICAL)[None], np.arange(0, 91, 22.5)
     files = {".toml": SCENE, ".ies": ies([0], row), ".ldt": ldt(4, 16, beam(C[:, None], VERTICAL, about=(0, 90)))}
-    for suffix in (".mtl", ".c", ".py", ".inc", ".json", ".js", ".gltf"):
-        lights = ds.SpotLight((0, 0, 1), (0, 0, -1)) if suffix == ".c" else ()
-        files[suffix] = ds.exchange.write_material(folder / f"good{suffix}", PLAIN, lights=lights).path.read_text()
+    for suffix in (".mtl", ".json", ".gltf"):
+        files[suffix] = ds.exchange.write_material(folder / f"good{suffix}", PLAIN).path.read_text()
     return {suffix: text.encode() for suffix, text in files.items()} | {".glb": glb(files[".gltf"].encode())}
 
 
