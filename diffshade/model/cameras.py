@@ -1,7 +1,6 @@
 """Cameras: from a pixel to its ray, and from a point to its viewer (E8). Right-handed, y up, looking along -z."""
 
 import abc
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -367,8 +366,8 @@ class SomePixels(AbstractCamera):
 
     def projection(self) -> Projection:
         """Return that of the camera, whose columns here are places among the pixels."""
-        whole = dataclasses.replace(self.camera, local_viewer=self.local_viewer).projection()
-        return _ProjectionOfSome(row=self.row, column=self.column, **vars(whole))
+        whole: dict[str, Any] = {**vars(self.camera.projection()), "local_viewer": jnp.asarray(1.0 * self.local_viewer)}
+        return _ProjectionOfSome(row=self.row, column=self.column, **whole)
 
 
 class _ProjectionOfSome(Projection):

@@ -12,8 +12,9 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
+from diffshade.core.fields import Vector
 from diffshade.model import rendering
-from diffshade.model.cameras import SomePixels
+from diffshade.model.cameras import AbstractCamera, SomePixels
 from diffshade.model.rendering import _render, render_once
 from diffshade.model.scenes import stack_scene, with_pixels
 
@@ -226,6 +227,31 @@ def test_some_pixels_show_what_they_show_in_the_whole_picture(samples, kind):
     whole = np.asarray(ds.render(scene, camera, samples=samples)).reshape(-1, 3)
     some = ds.render(with_pixels(scene, pixels), SomePixels.of(camera, pixels), samples=samples)
     np.testing.assert_allclose(some[0], whole[pixels], rtol=1e-5, atol=1e-6)
+
+
+class OwnCamera(AbstractCamera):
+    """A camera that is not made of its fields."""
+
+    eye: Vector
+    target: Vector
+    up: Vector
+    shape: tuple[int, int] = eqx.field(static=True)
+    local_viewer: bool = eqx.field(static=True)
+
+    def __init__(self):
+        self.eye, self.target, self.up = CAMERA.eye, CAMERA.target, CAMERA.up
+        self.shape, self.local_viewer = CAMERA.shape, True
+
+    def projection(self):
+        return CAMERA.projection()
+
+
+@pytest.mark.parametrize("local", [True, False])
+def test_some_pixels_of_a_camera_of_ones_own(local):
+    pixels, scene = np.array([31, 32, 41]), ds.Scene(BALL, lights(2))
+    some = dataclasses.replace(SomePixels.of(OwnCamera(), pixels), local_viewer=local)
+    whole = np.asarray(ds.render(scene, dataclasses.replace(CAMERA, local_viewer=local))).reshape(-1, 3)
+    np.testing.assert_allclose(ds.render(scene, some)[0], whole[pixels], rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.thorough

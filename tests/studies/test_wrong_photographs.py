@@ -84,6 +84,16 @@ def test_a_render_of_eight_bits_that_is_as_described_gets_no_remark(monkeypatch,
         assert np.all(np.abs(fit.values - truth(material, fit)) < 3.0 * fit.errors)
 
 
+@pytest.mark.parametrize("material", MATERIALS)
+def test_photographs_of_eight_bits_that_are_cut_off_get_no_remark(monkeypatch, material):
+    """Half a step less, by the sRGB curve, looked like lights that are far, but not at infinity."""
+    stored = lambda images, _: [in_eight_bits(image, -0.5) for image in images]  # noqa: E731
+    monkeypatch.setitem(FAULTS, "cut off", Fault(stored=stored, noise=0.1 / 255))
+    fit = fitted(material, 4, 0, "cut off")
+    assert kinds_of(fit) is None
+    assert np.all(np.abs(fit.values - truth(material, fit)) < 3.0 * fit.errors)
+
+
 def test_a_render_whose_encoding_is_named_leaves_no_more_to_find(monkeypatch):
     stored = Fault(stored=lambda images, _: [np.asarray(ds.srgb_encode(in_eight_bits(i))) for i in images], noise=0.0)
     monkeypatch.setitem(FAULTS, "render", stored)

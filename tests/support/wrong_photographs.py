@@ -204,8 +204,10 @@ def through_jpeg(image: np.ndarray) -> np.ndarray:
     return np.asarray(ds.srgb_decode(np.asarray(Image.open(file)) / 255.0))
 
 
-def in_eight_bits(image: np.ndarray) -> np.ndarray:
-    return np.asarray(ds.srgb_decode(np.rint(255 * np.asarray(ds.srgb_encode(np.clip(image, 0, 1)))) / 255))
+def in_eight_bits(image: np.ndarray, higher: float = 0.0) -> np.ndarray:
+    """Return an image by so many steps `higher` than to the nearest: -.5 cuts off."""
+    stored = np.rint(255 * np.asarray(ds.srgb_encode(np.clip(image, 0, 1))) + higher)
+    return np.asarray(ds.srgb_decode(np.clip(stored, 0, 255) / 255))
 
 
 def _of_each(change: Callable[[np.ndarray], np.ndarray]) -> Callable[..., list[np.ndarray]]:

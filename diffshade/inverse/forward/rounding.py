@@ -154,10 +154,14 @@ def _common_step(values: Float[np.ndarray, " n"]) -> float:
 
 
 def sawtooth(rounding: Rounding, view: Any, m: Any, weight: Any) -> Float[np.ndarray, "waves n"]:
-    """Return S of some samples predicted as m, where S^T S is the covariance of their rounding errors."""
+    """Return S of some samples predicted as m, where S^T S is the covariance of their rounding errors.
+
+    The last row is that of all samples a step too high, over the square root of 12.
+    """
     where, size = rounding.steps(view, jnp.asarray(m))
     damped = damping(rounding, jnp.asarray(weight), size)
-    return np.asarray(harmonics(2.0 * jnp.pi * where, size, damped)).reshape(2 * HARMONICS, -1)
+    waves = np.asarray(harmonics(2.0 * jnp.pi * where, size, damped)).reshape(2 * HARMONICS, -1)
+    return np.concatenate([waves, np.asarray(size)[None] / np.sqrt(12.0)])
 
 
 def damping(rounding: Rounding, weight: Array, size: Array) -> Array:

@@ -216,10 +216,10 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
 def _beyond_rounding(directions: Directions) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
     """Return what the residuals say of the directions beside the sawtooth of the files' steps.
 
-    Its phase in each channel is where the fit is off by a part of a step.
+    Its phase in each channel is where the fit is off by a part of a step. All samples may be off by up to half a step.
     """
     at, k = directions.at, len(directions.changes)
-    if not at.fit.evidence.shared > 0.0:
+    if at.fit.evidence.waves is None:
         return directions.evidence()
     steps = of_each_channel(at, sawtooth(at.fit.rounding, at.set_up.view, at.predicted, at.weight))
     information, score = Directions(at, np.concatenate([directions.changes, steps]), directions.inside).evidence()

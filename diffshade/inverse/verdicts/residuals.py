@@ -41,7 +41,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
         return fit
     steps = fit.evidence.shared > 0.0  # of files, that no noise hides
     is_noise, shown = steps or residuals.p_value > FALSE_ALARM, beside(fit)
-    sure = is_noise and (fit.evidence.shared > 1.0 - SMALL or not steps)  # else the steps hide what it is
+    sure = fit.evidence.shared > 1.0 - SMALL or residuals.p_value > FALSE_ALARM  # else the steps hide what it is
     known = any(samples.zeros >= MIN_PILE or samples.reach for samples in fit.solved.problem.data.samples)
     held, free = bounded(fit), np.flatnonzero(~fit.at_bound)
     beyond = fit.evidence.p_of_holding(held, free) <= FALSE_ALARM  # few pixels tell of a highlight, and all are judged
