@@ -232,7 +232,13 @@ def _swapped(images: Sequence[np.ndarray], _: Photographed) -> list[np.ndarray]:
 
 
 LIGHTS = ("light", "rotation")
-STRAY = ("stray light", "uneven light", "uneven view", "colour")  # "look for light from other things, and shadows"
+STRAY = (
+    "elsewhere",
+    "stray light",
+    "uneven light",
+    "uneven view",
+    "colour",
+)  # "look for light from other things, and shadows"
 DARK = {"k_a": (0.01, 0.005, 0.0)}
 FAULTS: Mapping[str, Fault] = {
     "light off": Fault(lambda of: _directions_off(of, np.r_[3.0, np.zeros(len(of.lamps) - 1)]), named=LIGHTS),

@@ -9,7 +9,9 @@ from jaxtyping import Int
 
 from ...core.thresholds import SLIGHT, SMALL, VAGUE
 from ...core.words import MAX_NAMED, listing
+from ...model.cameras import camera_axes
 from ...model.lobes import Blinn
+from ..data.relightable import dome
 from ..statistics.identifiability import some_channels
 from ..unknowns.unknown import coordinate_slopes
 from . import changes, other_scenes
@@ -104,6 +106,13 @@ def of_black(f: Found) -> dict[str, Any]:
 def colour(channel: str) -> str:
     """Return a channel's name in words."""
     return {"r": "red", "g": "green", "b": "blue"}.get(channel, channel)
+
+
+def of_elsewhere(f: Found) -> dict[str, Any]:
+    """Return which normal, of those that the camera may see, gets most of the light, and how much more than another."""
+    normals = dome(500, 0.0) @ np.stack(camera_axes(f.given.views[0].camera))
+    gets = other_scenes.harmonics(normals) @ f.amount
+    return {"toward": _vector(normals[np.argmax(gets)], ".2g"), "more": float(np.ptp(gets))}
 
 
 def of_bound(f: Found) -> dict[str, Any]:

@@ -272,6 +272,16 @@ FAULTS = (
         plausible=(0.0, np.inf),
     ),
     Fault(
+        "elsewhere",
+        "there is light from elsewhere that the scene does not have: what faces {toward} gets most of it, {more:.2g} "
+        "more than what gets least",
+        "Add that lamp, or what the surroundings give back, to the scene, or keep it away.",
+        other_scenes.of_elsewhere,
+        words=words.of_elsewhere,
+        size=lambda which, amount: float(np.linalg.norm(amount)),
+        plausible=(0.0, np.inf),
+    ),
+    Fault(
         "shift",
         "{f.views_in_words} {are} shifted by about {f.length:.2g} pixels against the scene",
         "Check the camera's pose and principal point, and the objects' places.",

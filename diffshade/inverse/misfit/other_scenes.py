@@ -147,6 +147,31 @@ def _beyond(beyond: Callable[..., np.ndarray], of: str, scene: Scene, view: View
     return np.where(inside, more, 0.0)[..., None] * shown
 
 
+def of_elsewhere(at: Linearised) -> Iterator[Case]:
+    """Yield light from other directions, as k_d reflects it: the nine harmonics up to the second order hold nearly all.
+
+    Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment Maps".
+    """
+    if all(view.sensor is None for view in at.fit.views):
+        yield Case(0, at.drawn(_by_harmonics).T)
+
+
+def _by_harmonics(scene: Scene, view: View) -> Float[np.ndarray, "h w c 9"]:
+    seen = harmonics(seen_points(scene.objects, view.camera).normal)
+    none, materials = np.zeros(len(scene.channels)), [item.material for item in scene.objects]
+    flat = [replace(m, k_a=m.k_d, k_d=none, k_s=none, k_e=none, highlights=()) for m in materials]
+    whole = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)
+    even = photograph(replace(whole, lights=(), ambient=1.0, background=0.0), replace(view, lit=None, black=0.0))
+    return even[..., None] * seen[..., None, :]
+
+
+def harmonics(n: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 9"]:
+    """Return what a surface that faces n gets of each harmonic."""
+    x, y, z = np.moveaxis(n, -1, 0)
+    second = [x * y, y * z, x * z, 0.5 * (x**2 - y**2), 0.25 * (3.0 * z**2 - 1.0)]
+    return np.stack([np.full(x.shape, 0.25), 0.5 * x, 0.5 * y, 0.5 * z, *second], -1)
+
+
 def of_second_highlight(at: Linearised) -> Iterator[Case]:
     """Yield second highlights, sharper and wider."""
     for k, factor in enumerate(EXPONENT_FACTORS):
