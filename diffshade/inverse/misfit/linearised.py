@@ -74,7 +74,8 @@ class Linearised:
     @cached_property
     def few(self) -> list[Few]:
         """What is drawn of each view: the pixels that are looked at, but of a sensor, which may blur, the whole."""
-        room = 1 << max(len(np.unique(pixel)) for pixel, _ in self.samples).bit_length()  # few lengths: few programs
+        most = max(len(np.unique(pixel)) for pixel, _ in self.samples)
+        room = 1 << (most - 1).bit_length()  # of few lengths, so of few programs
         return [_few(*of, room) for of in zip(self.fit.views, self.samples, strict=True)]
 
     @cached_property

@@ -150,9 +150,10 @@ def _beyond(beyond: Callable[..., np.ndarray], of: str, scene: Scene, view: View
 def of_elsewhere(at: Linearised) -> Iterator[Case]:
     """Yield light from other directions, as k_d reflects it: the nine harmonics up to the second order hold nearly all.
 
-    Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment Maps".
+    Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment Maps". In one photograph nine
+    amounts imitate most other faults.
     """
-    if all(view.sensor is None for view in at.fit.views):
+    if len(at.fit.views) > 1 and all(view.sensor is None for view in at.fit.views):
         yield Case(0, at.drawn(_by_harmonics).T)
 
 
