@@ -132,6 +132,7 @@ FAULTS = (
         other_scenes.of_viewer,
         words=words.of_viewer,
         plausible=(0.4, 1.7),  # 1 is exactly the other viewer
+        inexact=True,  # n_s may be far off, and the change with it
     ),
     Fault(
         "rough",
