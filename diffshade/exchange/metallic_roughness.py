@@ -17,6 +17,7 @@ from jaxtyping import Float
 from ..core.thresholds import SINGLE, TINY
 from ..model.lobes import Blinn
 from ..model.materials import Material
+from ..model.microfacets import Microfacets
 from .classic_fits import nearest
 from .exports import stated
 from .lobe_refits import N_S_RANGE, named
@@ -125,15 +126,9 @@ def what_of(metallic: float, roughness: float) -> str:
 
 
 def ggx(points: Reference, alpha: float | Cosines) -> Cosines:
-    """Return pi V D (Walter et al. 2007; Heitz 2014)."""
-    D = alpha**2 / (points.n_h**2 * (alpha**2 - 1.0) + 1.0) ** 2
-    return D * smith(points.n_l, points.n_v, alpha)
-
-
-def smith(n_l: Any, n_v: Any, alpha: float | Cosines) -> Any:
-    """Return V, the fraction that is neither shadowed nor masked, over 4 (n.l)(n.v) (Heitz 2014)."""
-    a2 = alpha * alpha
-    return 0.5 / (n_l * np.sqrt(a2 + (1 - a2) * n_v**2) + n_v * np.sqrt(a2 + (1 - a2) * n_l**2))
+    """Return pi V D."""
+    facets = Microfacets(alpha)
+    return facets.distribution(points.n_h) * facets.visibility(points.n_l, points.n_v)
 
 
 def kept(n_v: Cosines, alpha: float | Cosines) -> Cosines:
@@ -159,5 +154,5 @@ def _kept(n_v: Cosines, alpha: float) -> Cosines:
     v_h = mu * n_h + np.sqrt(1 - mu**2) * np.sqrt(1 - n_h**2) * np.cos(turn)
     n_l = 2 * v_h * n_h - mu
     some = (n_l > 0) & (v_h > 0)
-    weight = np.where(some, 4 * smith(np.where(some, n_l, 1.0), mu, alpha) * n_l * v_h / n_h, 0.0)
+    weight = np.where(some, 4 * Microfacets(alpha).visibility(np.where(some, n_l, 1.0), mu) * n_l * v_h / n_h, 0.0)
     return np.interp(n_v, mu.ravel(), weight.mean((1, 2)))

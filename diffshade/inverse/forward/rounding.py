@@ -160,8 +160,7 @@ def sawtooth(rounding: Rounding, view: Any, m: Any, weight: Any) -> Float[np.nda
     """
     where, size = rounding.steps(view, jnp.asarray(m))
     damped = damping(rounding, jnp.asarray(weight), size)
-    waves = np.asarray(harmonics(2.0 * jnp.pi * where, size, damped)).reshape(2 * HARMONICS, -1)
-    return np.concatenate([waves, np.asarray(size)[None] / np.sqrt(12.0)])
+    return np.asarray(harmonics(2.0 * jnp.pi * where, size, damped))
 
 
 def damping(rounding: Rounding, weight: Array, size: Array) -> Array:
@@ -169,8 +168,11 @@ def damping(rounding: Rounding, weight: Array, size: Array) -> Array:
     return jnp.exp(-2.0 * jnp.pi**2 * rounding.noise**2 / jnp.where(weight * size > 0, weight * size**2, 1.0))
 
 
-def harmonics(phase: Array, size: Array, damped: Array) -> Array:
-    """Return size damped^(k^2) / (sqrt(2) pi k) times the cosine and the sine of k phase, for each k; by products."""
+def harmonics(phase: Array, size: Array, damped: Array) -> Float[Array, "waves ..."]:
+    """Return size damped^(k^2) / (sqrt(2) pi k) times the cosine and the sine of k phase, for each k; by products.
+
+    The last is size over the square root of 12, as of all samples a step too high.
+    """
     c, s = jnp.cos(phase), jnp.sin(phase)
 
     def following(at: tuple[Array, ...], k: Array) -> tuple[tuple[Array, ...], Array]:
@@ -179,7 +181,8 @@ def harmonics(phase: Array, size: Array, damped: Array) -> Array:
         return (*rotated, height * factor, factor * damped**2), jnp.stack([cosine, sine]) * (height / k)[None]
 
     first = c, s, size * damped / (jnp.sqrt(2.0) * jnp.pi), damped**3
-    return jax.lax.scan(following, first, jnp.arange(1.0, HARMONICS + 1.0))[1]
+    waves = jax.lax.scan(following, first, jnp.arange(1.0, HARMONICS + 1.0))[1]
+    return jnp.concatenate([waves.reshape(-1, *size.shape), size[None] / 12.0**0.5])
 
 
 def share_of_waves(noise2: float) -> float:

@@ -93,9 +93,8 @@ def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Arra
         weight = model.measured_weights(block)
         where, size = rounding.steps(block.view, m)
         bend = model.likelihood.terms(m, block.observed.target, weight, None).curvature
-        both = harmonics(2.0 * jnp.pi * where, bend * size, damping(rounding, weight, size))
-        rows = [both.reshape(2 * HARMONICS, -1), (bend * size).reshape(1, -1) / np.sqrt(12.0)]
-        of_block = jnp.matmul(J.reshape(len(J), -1), jnp.concatenate(rows).T, precision="highest")
+        rows = harmonics(2.0 * jnp.pi * where, bend * size, damping(rounding, weight, size))
+        of_block = jnp.matmul(J.reshape(len(J), -1), rows.reshape(len(rows), -1).T, precision="highest")
         return total.at[block.view, index].add(of_block, mode="drop"), None
 
     zero = jnp.zeros((model.setting.grey.shape[0], p, 2 * HARMONICS + 1))

@@ -123,12 +123,12 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS, *, shared: float
 
     The errors are those of the unknowns along the posterior of all amounts, and the square of the move by the likeliest
     ones is added: the values themselves stay. Faults are looked at where the fit is, and where this leads; the larger
-    errors count, so that they contain how far a change to first order can be trusted. Where none of the faults that are
-    named is among the likeliest, which have no name, the errors contain the moves of the named ones too.
+    errors count, so that they contain how far a change to first order can be trusted. They contain the moves of all
+    faults that are named without being among the likeliest, too.
     """
     set_up, fit = at.set_up, at.set_up.fit
     if set_up.shown_beside is None:  # then nothing is known of there
-        faults = [replace(fault, beside=False) for fault in faults]
+        faults = [replace(fault, beside=False) if fault.beside else fault for fault in faults]
     # an unknown at a physical bound, 0, is free beyond it here; one at another bound is a fault of its own
     first = _look(at, faults, np.flatnonzero(~(fit.at_bound & (fit.values != 0.0))), shared)
     at_minimum = Directions(at, first.directions.changes[:0], np.flatnonzero(~fit.at_bound))

@@ -30,7 +30,7 @@ from ..pixels.blocks import Block
 from ..pixels.blocks import chunks as in_chunks
 from ..result import Fit
 from ..statistics.uncertainty import Matrix, Vector
-from .regions import grazing
+from .regions import seen_points
 from .set_up import Corrected, SetUp
 
 BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
@@ -109,7 +109,7 @@ class Linearised:
         """Which samples are at grazing rims."""
 
         def at_rim(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
-            return np.repeat(grazing(scene.objects, view.camera)[..., None], channels(view), 2)
+            return np.repeat(seen_points(scene.objects, view.camera).grazing[..., None], channels(view), 2)
 
         return self.drawn(at_rim) > 0
 

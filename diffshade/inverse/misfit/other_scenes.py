@@ -22,6 +22,7 @@ from ...model.gbuffers import GBuffer
 from ...model.lights import AbstractLamp, DirectionalLight, PointLight
 from ...model.lobes import EXPONENTS, AbstractPowerLobe, Blinn, Phong
 from ...model.materials import Highlight, Material
+from ...model.microfacets import Microfacets
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
@@ -53,10 +54,13 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
 
 def of_viewer(at: Linearised) -> Iterator[Case]:
     """Yield highlights as the other viewer sees them: far away, or at the eye of the camera."""
-    surfaces = [item.surface for item in at.fit.scene.objects]
-    placed = not any(isinstance(of, GBuffer) and of.position is None for of in surfaces)
-    if placed and len({view.camera.local_viewer for view in at.fit.views}) == 1:
+    if _is_placed(at.fit.scene) and len({view.camera.local_viewer for view in at.fit.views}) == 1:
         yield Case(0, (at.drawn(_by_other_viewer) - at.predicted)[None])
+
+
+def _is_placed(scene: Scene) -> bool:
+    """Whether the positions of all surfaces are known."""
+    return not any(isinstance(x.surface, GBuffer) and x.surface.position is None for x in scene.objects)
 
 
 def _by_other_viewer(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
@@ -93,16 +97,15 @@ def of_microfacets(at: Linearised) -> Iterator[Case]:
     if n_s < EXPONENTS[0]:  # too wide for a highlight
         return
     half = 0.25 ** (1.0 / n_s) if blinn else 0.5 + 0.5 * 0.5 ** (1.0 / n_s)  # (n.h)^2 at half the height
-    alpha2 = (1.0 - half) / (np.sqrt(2.0) - half)
+    facets = Microfacets(np.sqrt((1.0 - half) / (np.sqrt(2.0) - half)))
 
     def beyond(n_l: np.ndarray, n_v: np.ndarray, l_v: np.ndarray) -> np.ndarray:
         n_l, n_v = np.clip(n_l, 0.0, 1.0), np.clip(n_v, SMALL, 1.0)
         n_h = (n_l + n_v) / np.sqrt(np.maximum(2.0 + 2.0 * l_v, SINGLE))
-        facets = (alpha2 / (1.0 - (1.0 - alpha2) * np.minimum(n_h, 1.0) ** 2)) ** 2
-        into, out = (np.sqrt(alpha2 + (1.0 - alpha2) * x**2) for x in (n_l, n_v))
         cosine = n_h if blinn else 2.0 * n_l * n_v - l_v
-        lit = 2.0 * n_l / np.maximum(n_v * into + n_l * out, SINGLE)  # 1 where l and v are n
-        return np.where(n_l > 0.0, facets * lit - np.maximum(cosine, 0.0) ** n_s, 0.0)
+        shone = facets.distribution(np.minimum(n_h, 1.0)) * facets.visibility(n_l, n_v)
+        shone *= 4.0 * facets.alpha**2 * n_l  # 1 where l and v are n
+        return np.where(n_l > 0.0, shone - np.maximum(cosine, 0.0) ** n_s, 0.0)
 
     both = [_reflected(at, beyond, "k_s"), _reflected(at, _beyond_lambert(under_coat), "k_d")]
     if all(change is not None for change in both):
@@ -137,14 +140,18 @@ def _beyond(beyond: Callable[..., np.ndarray], of: str, scene: Scene, view: View
     k = lights_on(scene, view)[0]
     light: Any = scene.lights[k]
     l = np.asarray(light.path(None if p is None else Vec3.of(p)).l.stack())
-    none, more = np.zeros(len(scene.channels)), beyond(np.sum(n * l, -1), n_v, -np.sum(l * ray, -1))
-    # given as ambient light too, what arrives is reflected whichever way a surface faces
-    each = (item.material for item in scene.objects)
-    flat = [replace(m, k_a=getattr(m, of), k_d=none, k_s=none, k_e=none, highlights=()) for m in each]
-    whole = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)
-    whole = eqx.tree_at(lambda s: s.lights[k].ambient, whole, light.intensity, is_leaf=lambda leaf: leaf is None)
+    more = beyond(np.sum(n * l, -1), n_v, -np.sum(l * ray, -1))
+    flat = _flat(scene, of)  # given as ambient light too, what arrives is reflected whichever way a surface faces
+    whole = eqx.tree_at(lambda s: s.lights[k].ambient, flat, light.intensity, is_leaf=lambda leaf: leaf is None)
     shown = photograph(replace(whole, ambient=0.0), view) - float(view.black)
     return np.where(inside, more, 0.0)[..., None] * shown
+
+
+def _flat(scene: Scene, of: str) -> Scene:
+    """Return a scene whose materials reflect ambient light alone, by one of their coefficients."""
+    none, materials = np.zeros(len(scene.channels)), [item.material for item in scene.objects]
+    flat = [replace(m, k_a=getattr(m, of), k_d=none, k_s=none, k_e=none, highlights=()) for m in materials]
+    return eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)
 
 
 def of_elsewhere(at: Linearised) -> Iterator[Case]:
@@ -159,10 +166,9 @@ def of_elsewhere(at: Linearised) -> Iterator[Case]:
 
 def _by_harmonics(scene: Scene, view: View) -> Float[np.ndarray, "h w c 9"]:
     seen = harmonics(seen_points(scene.objects, view.camera).normal)
-    none, materials = np.zeros(len(scene.channels)), [item.material for item in scene.objects]
-    flat = [replace(m, k_a=m.k_d, k_d=none, k_s=none, k_e=none, highlights=()) for m in materials]
-    whole = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, flat)
-    even = photograph(replace(whole, lights=(), ambient=1.0, background=0.0), replace(view, lit=None, black=0.0))
+    even = photograph(
+        replace(_flat(scene, "k_d"), lights=(), ambient=1.0, background=0.0), replace(view, lit=None, black=0.0)
+    )
     return even[..., None] * seen[..., None, :]
 
 
@@ -206,7 +212,7 @@ def of_near(at: Linearised) -> Iterator[Case]:
     It is drawn where they are twice as far as the camera. Directions that are free have no place in a scene of lamps.
     """
     turning = any(place.field == "direction" for unknown in at.fit.unknowns for place in unknown.all_places)
-    if not turning and all(getattr(item.surface, "position", 0) is not None for item in at.fit.scene.objects):
+    if not turning and _is_placed(at.fit.scene):
         for power in (0, 2):
             yield from _of_lamps(at, power, with_near_lamps(at.fit, power, FAR_MORE), 1.0 / FAR_MORE)
 

@@ -134,17 +134,12 @@ def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture])
 
 def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.ndarray]:
     """Return the pixels at a grazing angle, n.v < GRAZING_COSINE, and the sector of each pixel."""
-    inside = seen_points(objects, camera).inside
+    seen = seen_points(objects, camera)
+    inside = seen.inside
     row, column = np.mgrid[: inside.shape[0], : inside.shape[1]]
     middle = [float(x[inside].mean()) if inside.any() else 0.0 for x in (row, column)]
     angle = np.arctan2(row - middle[0], column - middle[1])
-    return grazing(objects, camera), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(np.int8) % SECTORS
-
-
-def grazing(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[np.ndarray, "h w"]:
-    """Return the pixels that show a surface at a grazing angle."""
-    seen = seen_points(objects, camera)
-    return seen.inside & (seen.n_v < GRAZING_COSINE)
+    return seen.grazing, np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(np.int8) % SECTORS
 
 
 def measure_rim(views: Iterable[tuple[MeanPrediction, Mask, np.ndarray]]) -> Rim | None:
@@ -176,6 +171,11 @@ class SeenPoints(NamedTuple):
     """-inf without a surface."""
     ray: Float[np.ndarray, "h w 3"]
     """The unit direction of the ray through the centre of the pixel."""
+
+    @property
+    def grazing(self) -> Mask:
+        """The pixels that show a surface at a grazing angle."""
+        return self.inside & (self.n_v < GRAZING_COSINE)
 
 
 def seen_points(objects: tuple[Object, ...], camera: AbstractCamera) -> SeenPoints:
